@@ -1,0 +1,106 @@
+"""A map with a memory: every state each spot of an occupancy grid has had.
+
+Start with `open_scans` and `build_grid`, or make `Scan` objects and feed a `TemporalGrid`.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from tempog._version import __version__
+
+if TYPE_CHECKING:
+    from tempog.analysis.dynamics import map_dynamics
+    from tempog.analysis.occupancy import occupancy_grid
+    from tempog.analysis.static import CellClass, static_map
+    from tempog.config import GridConfig, MapConfig, SensingConfig
+    from tempog.errors import (
+        ClockError,
+        ConfigError,
+        EmptyWindowError,
+        ExtentError,
+        MapError,
+        ScanError,
+        TempogError,
+        TimeError,
+    )
+    from tempog.grid.history import CellHistory, Changes, History, Snapshot, Window
+    from tempog.grid.temporal_grid import TemporalGrid
+    from tempog.grid.time_index import TimeIndex
+    from tempog.pipeline import build_grid
+    from tempog.scans.npz import write_npz
+    from tempog.scans.open import open_scans
+    from tempog.scans.scan import Scan, ScanLog
+    from tempog.store.map_directory import SavedMap, open_map, save_map
+
+# Numba takes a second to import, so nothing is loaded before it is used.
+_HOMES = {
+    "tempog.analysis.dynamics": ["map_dynamics"],
+    "tempog.analysis.occupancy": ["occupancy_grid"],
+    "tempog.analysis.static": ["CellClass", "static_map"],
+    "tempog.config": ["GridConfig", "MapConfig", "SensingConfig"],
+    "tempog.errors": [
+        "ClockError",
+        "ConfigError",
+        "EmptyWindowError",
+        "ExtentError",
+        "MapError",
+        "ScanError",
+        "TempogError",
+        "TimeError",
+    ],
+    "tempog.grid.history": ["CellHistory", "Changes", "History", "Snapshot", "Window"],
+    "tempog.grid.temporal_grid": ["TemporalGrid"],
+    "tempog.grid.time_index": ["TimeIndex"],
+    "tempog.pipeline": ["build_grid"],
+    "tempog.scans.npz": ["write_npz"],
+    "tempog.scans.open": ["open_scans"],
+    "tempog.scans.scan": ["Scan", "ScanLog"],
+    "tempog.store.map_directory": ["SavedMap", "open_map", "save_map"],
+}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+
+__all__ = [  # noqa: PLE0604
+    "CellClass",
+    "CellHistory",
+    "Changes",
+    "ClockError",
+    "ConfigError",
+    "EmptyWindowError",
+    "ExtentError",
+    "GridConfig",
+    "History",
+    "MapConfig",
+    "MapError",
+    "SavedMap",
+    "Scan",
+    "ScanError",
+    "ScanLog",
+    "SensingConfig",
+    "Snapshot",
+    "TemporalGrid",
+    "TempogError",
+    "TimeError",
+    "TimeIndex",
+    "Window",
+    "__version__",
+    "build_grid",
+    "map_dynamics",
+    "occupancy_grid",
+    "open_map",
+    "open_scans",
+    "save_map",
+    "static_map",
+    "write_npz",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME_OF:
+        raise AttributeError(f"module 'tempog' has no attribute {name!r}")
+    return getattr(importlib.import_module(_HOME_OF[name]), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,46 @@
+"""What can go wrong, as one tree.
+
+TempogError
+├── ConfigError         a setting that cannot work, or does not fit the data
+├── ScanError           a scan or a scan log that cannot be used
+│   └── ClockError      its time stamps make no usable time axis
+├── ExtentError         a scan would make the map absurdly large (usually a corrupt pose)
+├── TimeError           a moment that cannot be read, or that the map does not cover
+│   └── EmptyWindowError   no scan falls into the period asked for
+└── MapError            a saved map that cannot be read or written
+
+Every message says what was seen, what was wanted and what to do. The library raises these and never
+prints; the command line shows the message alone, without a traceback.
+"""
+
+
+class TempogError(Exception):
+    """Root of all errors that tempog raises on purpose."""
+
+
+class ConfigError(TempogError, ValueError):
+    """A setting that cannot work, or that does not fit the data it is used on."""
+
+
+class ScanError(TempogError, ValueError):
+    """A scan or a scan log that cannot be used."""
+
+
+class ClockError(ScanError):
+    """Time stamps that make no usable time axis."""
+
+
+class ExtentError(TempogError, ValueError):
+    """A scan would make the map larger than `GridConfig.max_cells`."""
+
+
+class TimeError(TempogError, ValueError):
+    """A moment that cannot be read, or that the map does not cover."""
+
+
+class EmptyWindowError(TimeError):
+    """No scan falls into the period asked for."""
+
+
+class MapError(TempogError):
+    """A saved map that cannot be read or written."""

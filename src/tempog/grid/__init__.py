@@ -1,0 +1,1 @@
+"""Every cell's whole history."""

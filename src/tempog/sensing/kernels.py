@@ -1,0 +1,434 @@
+"""Kernels from beams to evidence. Metres, radians; no validation: `Sensor.sense` has checked and cast.
+
+A scan is worked on in a window: a rectangle of cells that holds all its beams, aligned to tiles, with its
+corner at cell (row0, col0). `state` and `note` have one entry per cell of the window, row by row.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tempog._jit import kernel
+
+# What a window's cell is, in `state`.
+UNTOUCHED = 0
+FREE = 1
+HIT = 2
+PROTECTED = 3
+KNOWN_SURFACE = 4
+
+# Settings of `no_return` as integers.
+NEVER = 0
+ALWAYS = 1
+NEIGHBOURS = 2
+
+# Beams that run along a surface within this angle say nothing about it (sine of 6 degrees): a pose error
+# of half a degree would move where they cross it by a tenth of its distance.
+MIN_CROSSING_SINE = 0.1
+# Half of the length of hit points that are spread evenly over a cell, in standard deviations, is sqrt(3).
+EXTENT_SIGMAS = 1.8
+# ... and never less than this to either side, m: identical hit points still have a beam's width.
+MIN_EXTENT = 0.003
+
+
+@kernel
+def aim(
+    angles: NDArray[np.float64],
+    ranges: NDArray[np.float32],
+    x: float,
+    y: float,
+    theta: float,
+    sensor_max: float,
+    max_range: float,
+    no_return: int,
+    flanked: bool,
+    end_x: NDArray[np.float64],
+    end_y: NDArray[np.float64],
+    reach: NDArray[np.float64],
+    is_hit: NDArray[np.bool_],
+) -> tuple[float, float, float, float]:
+    """Where each beam ends and what that means; returns the bounds (x_min, x_max, y_min, y_max).
+
+    flanked: a run of beams without return reaches no farther than the nearer of the two returns beside
+    it, since indoors such a run is dark or shiny material more often than open space
+
+    end_x, end_y (n_beams,) map frame, metres   [written]
+    reach        (n_beams,) metres; 0 for a beam that says nothing   [written]
+    is_hit       (n_beams,) whether a surface is at the end   [written]
+    """
+    n = angles.shape[0]
+    farthest = min(max_range, sensor_max)
+    flank = farthest
+    for i in range(n):
+        r = ranges[i]
+        is_hit[i] = False
+        reach[i] = 0.0
+        if r > 0 and r < sensor_max:
+            is_hit[i] = r <= max_range
+            reach[i] = min(float(r), max_range)
+            flank = reach[i]
+        elif r >= sensor_max and no_return != NEVER:
+            frees = no_return == ALWAYS
+            if not frees and n > 1:
+                before = i == 0 or ranges[i - 1] >= sensor_max
+                after = i == n - 1 or ranges[i + 1] >= sensor_max
+                frees = before and after
+            if frees:
+                reach[i] = flank if flanked else farthest
+    if flanked and no_return != NEVER:
+        flank = farthest
+        for i in range(n - 1, -1, -1):
+            if ranges[i] < sensor_max:
+                if reach[i] > 0:
+                    flank = reach[i]
+            else:
+                reach[i] = min(reach[i], flank)
+    x_min, x_max, y_min, y_max = x, x, y, y
+    for i in range(n):
+        direction = theta + angles[i]
+        end_x[i] = x + reach[i] * math.cos(direction)
+        end_y[i] = y + reach[i] * math.sin(direction)
+        x_min, x_max = min(x_min, end_x[i]), max(x_max, end_x[i])
+        y_min, y_max = min(y_min, end_y[i]), max(y_max, end_y[i])
+    return x_min, x_max, y_min, y_max
+
+
+@kernel
+def mark_hits(
+    end_x: NDArray[np.float64],
+    end_y: NDArray[np.float64],
+    is_hit: NDArray[np.bool_],
+    row0: int,
+    col0: int,
+    n_cols: int,
+    resolution: float,
+    state: NDArray[np.uint8],
+    touched: NDArray[np.int32],
+) -> int:
+    """State the cells that beams end in; returns how many, the first entries of `touched`."""
+    n = 0
+    for i in range(end_x.shape[0]):
+        if is_hit[i]:
+            row = math.floor(end_y[i] / resolution) - row0
+            col = math.floor(end_x[i] / resolution) - col0
+            k = row * n_cols + col
+            if state[k] != HIT:
+                state[k] = HIT
+                touched[n] = k
+                n += 1
+    return n
+
+
+@kernel
+def protect_surfaces(
+    end_x: NDArray[np.float64],
+    end_y: NDArray[np.float64],
+    is_hit: NDArray[np.bool_],
+    row0: int,
+    col0: int,
+    n_cols: int,
+    resolution: float,
+    protect: float,
+    bridge: float,
+    collinear: float,
+    state: NDArray[np.uint8],
+) -> None:
+    """Mark the cells within `protect` of the surfaces in this scan.
+
+    Surfaces are the hits, and the line between neighbouring hits that are at most `bridge` apart and have
+    the hit before or after them within `collinear` of their line.
+    """
+    n = end_x.shape[0]
+    ring = int(math.ceil(protect / resolution))
+    step = 0.5 * resolution
+    for i in range(n):
+        if not is_hit[i]:
+            continue
+        samples = 1
+        dx, dy = 0.0, 0.0
+        if i + 1 < n and is_hit[i + 1]:
+            dx, dy = end_x[i + 1] - end_x[i], end_y[i + 1] - end_y[i]
+            gap = math.hypot(dx, dy)
+            if gap > step and gap <= bridge:
+                in_line = False
+                if i > 0 and is_hit[i - 1]:
+                    off = dx * (end_y[i - 1] - end_y[i]) - dy * (end_x[i - 1] - end_x[i])
+                    in_line = abs(off) <= collinear * gap
+                if not in_line and i + 2 < n and is_hit[i + 2]:
+                    off = dx * (end_y[i + 2] - end_y[i]) - dy * (end_x[i + 2] - end_x[i])
+                    in_line = abs(off) <= collinear * gap
+                if in_line:
+                    samples = int(math.ceil(gap / step))
+        for k in range(samples):
+            x = end_x[i] / resolution - col0 + k / samples * dx / resolution
+            y = end_y[i] / resolution - row0 + k / samples * dy / resolution
+            row, col = int(y), int(x)
+            for r in range(row - ring, row + ring + 1):
+                off_y = max(r - y, y - r - 1, 0.0) * resolution
+                for c in range(col - ring, col + ring + 1):
+                    off_x = max(c - x, x - c - 1, 0.0) * resolution
+                    if off_x * off_x + off_y * off_y <= protect * protect:
+                        state[r * n_cols + c] = PROTECTED
+
+
+@kernel
+def free_literal(
+    x: float,
+    y: float,
+    end_x: NDArray[np.float64],
+    end_y: NDArray[np.float64],
+    reach: NDArray[np.float64],
+    row0: int,
+    col0: int,
+    n_cols: int,
+    resolution: float,
+    state: NDArray[np.uint8],
+    touched: NDArray[np.int32],
+    n_touched: int,
+) -> int:
+    """State every cell that a beam leaves before its end as free; returns the new `n_touched`.
+
+    The walk from cell border to cell border is that of Amanatides and Woo (Eurographics 1987).
+    """
+    n = n_touched
+    start_x, start_y = x / resolution - col0, y / resolution - row0
+    start = int(start_y) * n_cols + int(start_x)
+    for i in range(end_x.shape[0]):
+        length = reach[i]
+        if length <= 0:
+            continue
+        ux, uy = (end_x[i] - x) / length, (end_y[i] - y) / length
+        next_x, next_y, per_col, per_row = math.inf, math.inf, math.inf, math.inf
+        step_x, step_y = 1, n_cols
+        if ux > 0:
+            per_col = resolution / ux
+            next_x = (int(start_x) + 1 - start_x) * per_col
+        elif ux < 0:
+            step_x = -1
+            per_col = -resolution / ux
+            next_x = (start_x - int(start_x)) * per_col
+        if uy > 0:
+            per_row = resolution / uy
+            next_y = (int(start_y) + 1 - start_y) * per_row
+        elif uy < 0:
+            step_y = -n_cols
+            per_row = -resolution / uy
+            next_y = (start_y - int(start_y)) * per_row
+        k = start
+        while True:
+            leaves = min(next_x, next_y)
+            if leaves > length:
+                break
+            if state[k] == UNTOUCHED:
+                state[k] = FREE
+                touched[n] = k
+                n += 1
+            if next_x < next_y:
+                k += step_x
+                next_x += per_col
+            else:
+                k += step_y
+                next_y += per_row
+    return n
+
+
+@kernel
+def free_surface(
+    x: float,
+    y: float,
+    end_x: NDArray[np.float64],
+    end_y: NDArray[np.float64],
+    reach: NDArray[np.float64],
+    is_hit: NDArray[np.bool_],
+    row0: int,
+    col0: int,
+    n_cols: int,
+    resolution: float,
+    margin: float,
+    min_hits: int,
+    directory: NDArray[np.int32],
+    dir_row0: int,
+    dir_col0: int,
+    slot_of_cell: NDArray[np.int32],
+    hit_count: NDArray[np.int32],
+    moments: NDArray[np.float32],
+    state: NDArray[np.uint8],
+    note: NDArray[np.int32],
+    touched: NDArray[np.int32],
+    n_touched: int,
+) -> int:
+    """As `free_literal`, but free only what is surely clear; returns the new `n_touched`.
+
+    A cell is left out where a surface is near in this scan (state PROTECTED), and where the beam leaves it
+    less than `margin` before its end. A cell with at least `min_hits` hit points in its past holds a known
+    surface: only a beam that crosses the line through those points, within their extent, and ends at least
+    `margin` behind it, finds the surface gone. `note` keeps the surface's slot for the window's cell.
+    """
+    n = n_touched
+    start_x, start_y = x / resolution - col0, y / resolution - row0
+    start = int(start_y) * n_cols + int(start_x)
+    for i in range(end_x.shape[0]):
+        if reach[i] <= 0:
+            continue
+        length = reach[i]
+        limit = length - margin if is_hit[i] else length
+        ux, uy = (end_x[i] - x) / length, (end_y[i] - y) / length
+        next_x, next_y, per_col, per_row = math.inf, math.inf, math.inf, math.inf
+        step_x, step_y = 1, n_cols
+        if ux > 0:
+            per_col = resolution / ux
+            next_x = (int(start_x) + 1 - start_x) * per_col
+        elif ux < 0:
+            step_x = -1
+            per_col = -resolution / ux
+            next_x = (start_x - int(start_x)) * per_col
+        if uy > 0:
+            per_row = resolution / uy
+            next_y = (int(start_y) + 1 - start_y) * per_row
+        elif uy < 0:
+            step_y = -n_cols
+            per_row = -resolution / uy
+            next_y = (start_y - int(start_y)) * per_row
+        k = start
+        while True:
+            leaves = min(next_x, next_y)
+            if leaves > limit:
+                break
+            here = state[k]
+            if here == UNTOUCHED:
+                row, col = k // n_cols + row0, k % n_cols + col0
+                tile = directory[(row >> 3) - dir_row0, (col >> 3) - dir_col0]
+                slot = -1
+                if tile >= 0:
+                    slot = slot_of_cell[tile * 64 + (row & 7) * 8 + (col & 7)]
+                    if slot >= 0 and hit_count[slot] < min_hits:
+                        slot = -1
+                if slot < 0:
+                    state[k] = FREE
+                    touched[n] = k
+                    n += 1
+                else:
+                    note[k] = slot
+                    here = KNOWN_SURFACE
+                    state[k] = here
+            if here == KNOWN_SURFACE:
+                slot = note[k]
+                # Line through the hit points: their mean, along the larger axis of their covariance.
+                xx, xy, yy = moments[slot, 2], moments[slot, 3], moments[slot, 4]
+                half = 0.5 * (xx - yy)
+                root = math.sqrt(half * half + xy * xy)
+                variance = 0.5 * (xx + yy) + root
+                ex, ey = half + root, float(xy)
+                if half < 0:
+                    ex, ey = float(xy), root - half
+                norm = math.hypot(ex, ey)
+                if norm > 0:
+                    ex, ey = ex / norm, ey / norm
+                else:
+                    ex, ey = -uy, ux
+                crossing = ux * ey - uy * ex
+                if abs(crossing) >= MIN_CROSSING_SINE:
+                    px = (k % n_cols + col0 + 0.5) * resolution + moments[slot, 0] - x
+                    py = (k // n_cols + row0 + 0.5) * resolution + moments[slot, 1] - y
+                    at_beam = (px * ey - py * ex) / crossing
+                    at_line = (px * uy - py * ux) / crossing
+                    if (
+                        at_beam >= 0
+                        and at_beam <= limit
+                        and abs(at_line) <= EXTENT_SIGMAS * math.sqrt(max(variance, 0.0)) + MIN_EXTENT
+                    ):
+                        state[k] = FREE
+                        touched[n] = k
+                        n += 1
+            if next_x < next_y:
+                k += step_x
+                next_x += per_col
+            else:
+                k += step_y
+                next_y += per_row
+    return n
+
+
+@kernel
+def number_cells(
+    touched: NDArray[np.int32],
+    n_touched: int,
+    row0: int,
+    col0: int,
+    n_cols: int,
+    directory: NDArray[np.int32],
+    dir_row0: int,
+    dir_col0: int,
+    tile_rows: NDArray[np.int32],
+    tile_cols: NDArray[np.int32],
+    n_tiles: int,
+    cells: NDArray[np.int32],
+) -> int:
+    """Window cells to cell numbers, claiming tiles as needed; returns the new `n_tiles`.
+
+    cells (n_touched or more,) int32   [written]
+    directory, tile_rows, tile_cols    [updated]; room for one new tile per tile of the window
+    """
+    for i in range(n_touched):
+        row, col = touched[i] // n_cols + row0, touched[i] % n_cols + col0
+        r, c = (row >> 3) - dir_row0, (col >> 3) - dir_col0
+        tile = directory[r, c]
+        if tile < 0:
+            tile = np.int32(n_tiles)
+            directory[r, c] = tile
+            tile_rows[n_tiles] = row >> 3
+            tile_cols[n_tiles] = col >> 3
+            n_tiles += 1
+        cells[i] = tile * 64 + (row & 7) * 8 + (col & 7)
+    return n_tiles
+
+
+@kernel
+def add_hit_points(
+    end_x: NDArray[np.float64],
+    end_y: NDArray[np.float64],
+    is_hit: NDArray[np.bool_],
+    resolution: float,
+    directory: NDArray[np.int32],
+    dir_row0: int,
+    dir_col0: int,
+    slot_of_cell: NDArray[np.int32],
+    cell_of_slot: NDArray[np.int32],
+    hit_count: NDArray[np.int32],
+    moments: NDArray[np.float32],
+    n_slots: int,
+) -> int:
+    """Add each hit to its cell's count, mean and covariance (Welford 1962); returns the new `n_slots`.
+
+    moments (capacity, 5) float32: mean x, mean y (metres from the cell's centre), then the population
+    covariance xx, xy, yy (m²)   [updated]; room for one new slot per hit
+    """
+    for i in range(end_x.shape[0]):
+        if not is_hit[i]:
+            continue
+        row, col = math.floor(end_y[i] / resolution), math.floor(end_x[i] / resolution)
+        tile = directory[(row >> 3) - dir_row0, (col >> 3) - dir_col0]
+        cell = tile * 64 + (row & 7) * 8 + (col & 7)
+        slot = slot_of_cell[cell]
+        if slot < 0:
+            slot = np.int32(n_slots)
+            slot_of_cell[cell] = slot
+            cell_of_slot[slot] = cell
+            hit_count[slot] = 0
+            for m in range(5):
+                moments[slot, m] = 0.0
+            n_slots += 1
+        hit_count[slot] += 1
+        weight = 1.0 / hit_count[slot]
+        dx = end_x[i] - (col + 0.5) * resolution - moments[slot, 0]
+        dy = end_y[i] - (row + 0.5) * resolution - moments[slot, 1]
+        moments[slot, 0] += dx * weight
+        moments[slot, 1] += dy * weight
+        rest = 1.0 - weight
+        moments[slot, 2] += (dx * dx * rest - moments[slot, 2]) * weight
+        moments[slot, 3] += (dx * dy * rest - moments[slot, 3]) * weight
+        moments[slot, 4] += (dy * dy * rest - moments[slot, 4]) * weight
+    return n_slots

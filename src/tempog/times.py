@@ -1,0 +1,96 @@
+"""Moments as people write them, as int64 nanoseconds."""
+
+from __future__ import annotations
+
+import math
+from datetime import UTC, datetime
+
+import numpy as np
+
+from tempog.errors import TimeError
+
+Moment = float | int | str | datetime | np.datetime64
+NS_PER_S = 1_000_000_000
+MAX_NS = 2**63 - 1
+
+
+def parse_moment(moment: Moment, start_ns: int) -> int:
+    """A moment in nanoseconds of the log's own clock.
+
+    Parameters
+    ----------
+    moment : float, str, datetime or numpy.datetime64
+        A number is seconds as in the log (Unix seconds in most logs). Text may be such a number, ``"+120"``
+        (seconds after the first scan; ``"+2.5s"`` works too), or ISO 8601. A date without a time zone is UTC.
+    start_ns : int, nanoseconds
+        Stamp of the first scan.
+
+    Raises
+    ------
+    TimeError
+        Anything else.
+
+    Examples
+    --------
+    >>> parse_moment("+120", start_ns=5_000_000_000)
+    125000000000
+    >>> parse_moment("2003-12-10T17:51:58Z", start_ns=0) == parse_moment(1071078718, start_ns=0)
+    True
+    """
+    if isinstance(moment, np.datetime64):
+        # NaT is the smallest int64, and falls out of the range check below
+        nanoseconds = int(moment.astype("datetime64[ns]").astype(np.int64))
+        return _in_range(nanoseconds, moment)
+    if isinstance(moment, datetime):
+        aware = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+        return _in_range(round(aware.timestamp() * NS_PER_S), moment)
+    if isinstance(moment, str):
+        return _parse_text(moment, start_ns)
+    return _from_seconds(float(moment), moment)
+
+
+def format_moment(stamp_ns: int, start_ns: int) -> str:
+    """A stamp for people: ``+12.3 s``, with the UTC date where the clock looks like Unix time.
+
+    >>> format_moment(1071078728500000000, 1071078718000000000)
+    '2003-12-10 17:52:08 UTC (+10.5 s)'
+    >>> format_moment(12_500_000_000, 0)
+    '+12.5 s'
+    """
+    offset = f"+{(stamp_ns - start_ns) / NS_PER_S:.1f} s"
+    if start_ns < 10**8 * NS_PER_S:  # before 1973: a clock that counts from power-on
+        return offset
+    date = datetime.fromtimestamp(stamp_ns // NS_PER_S, UTC)
+    return f"{date:%Y-%m-%d %H:%M:%S} UTC ({offset})"
+
+
+def _parse_text(text: str, start_ns: int) -> int:
+    trimmed = text.strip()
+    relative = trimmed.startswith("+")
+    number = trimmed.removesuffix("s").removesuffix(" ") if relative else trimmed
+    try:
+        seconds = float(number)
+    except ValueError:
+        pass
+    else:
+        return _in_range((start_ns if relative else 0) + _from_seconds(seconds, text), text)
+    try:
+        date = datetime.fromisoformat(trimmed)
+    except ValueError:
+        raise TimeError(
+            f"{text!r} is not a moment; wanted seconds as in the log (1071078718.5), +120 for seconds after the"
+            " first scan, or a date like 2003-12-10T17:51:58Z"
+        ) from None
+    return parse_moment(date, start_ns)
+
+
+def _from_seconds(seconds: float, shown: object) -> int:
+    if not math.isfinite(seconds):
+        raise TimeError(f"{shown!r} is not a moment; wanted a finite number of seconds")
+    return _in_range(round(seconds * NS_PER_S), shown)
+
+
+def _in_range(nanoseconds: int, shown: object) -> int:
+    if abs(nanoseconds) > MAX_NS:
+        raise TimeError(f"{shown!r} is outside what can be stored, the years 1678 to 2262")
+    return nanoseconds

@@ -1,0 +1,161 @@
+"""Hypothesis recipes shared by the property tests."""
+
+from __future__ import annotations
+
+import gzip
+import io
+
+import numpy as np
+from hypothesis import strategies as st
+
+N_SCANS = 12
+
+
+def flaser(i: int, n_beams: int = 5, name: str = "FLASER") -> str:
+    ranges = " ".join(f"{1 + 0.1 * beam + 0.01 * i:.2f}" for beam in range(n_beams))
+    pose = f"{0.1 * i:.2f} 0.5 0.1"
+    return f"{name} {n_beams} {ranges} {pose} {pose} {10 + 0.2 * i:.2f} host {i}"
+
+
+def robotlaser(i: int, n_beams: int = 5) -> str:
+    ranges = " ".join(["2.5"] * n_beams)
+    return (
+        f"ROBOTLASER1 0 -1.57 3.14 0.785 80.0 0.01 0 {n_beams} {ranges} 1 0.5 {0.1 * i:.2f} 0 0 0 0 0"
+        f" 0 0 0.2 0.2 0 {10 + 0.2 * i:.2f} host {i}"
+    )
+
+
+def carmen_text() -> bytes:
+    """A small log with every kind of line the reader knows."""
+    lines = [
+        "# message_name [message contents] ipc_timestamp ipc_hostname logger_timestamp",
+        "PARAM robot_front_laser_max 80.99 0 host 0",
+        "PARAM laser_front_laser_resolution 36 0 host 0",
+    ]
+    for i in range(N_SCANS):
+        lines += [f"ODOM {0.1 * i} 0 0 0 0 0 {10 + 0.2 * i:.2f} host {i}", flaser(i)]
+    lines += [robotlaser(N_SCANS + 1), flaser(N_SCANS + 2, name="RLASER"), "NEFF 0.7", ""]
+    return "\n".join(lines).encode()
+
+
+def npz_bytes(*, compressed: bool = False) -> bytes:
+    """A small archive as `write_npz` writes it."""
+    rows = np.arange(N_SCANS)
+    file = io.BytesIO()
+    (np.savez_compressed if compressed else np.savez)(
+        file,
+        t=10 + 0.2 * rows,
+        x=0.1 * rows,
+        y=0.0 * rows,
+        theta=0.0 * rows,
+        angles=np.linspace(-1, 1, 5),
+        ranges=np.full((N_SCANS, 5), 2.0, dtype=np.float32),
+        max_range=np.float64(30.0),
+    )
+    return file.getvalue()
+
+
+CARMEN = carmen_text()
+CARMEN_WITHOUT_ROBOTLASER = b"\n".join(line for line in CARMEN.split(b"\n") if b"ROBOT" not in line)
+NPZ = npz_bytes()
+NPZ_COMPRESSED = npz_bytes(compressed=True)
+STRANGE_NUMBERS = ["nan", "inf", "-inf", "1e300", "-1e300", "1e99999", "9" * 20, "-1", "0", "0.0", "1e-300"]
+STRANGE_TEXTS = ["1_0", "0x10", "text", "--", "é"]
+STRANGE_FIELDS = st.sampled_from(
+    [text.encode() for text in STRANGE_NUMBERS + STRANGE_TEXTS] + [b"\xff\xfe", b"\0", b"9" * 5000, b""]
+)
+
+
+@st.composite
+def damaged_bytes(draw: st.DrawFn, data: bytes) -> bytes:
+    """`data` with bytes flipped, cut out, doubled or cut off."""
+    damaged = bytearray(data)
+    for _ in range(draw(st.integers(0, 4))):
+        if not damaged:
+            break
+        at = draw(st.integers(0, len(damaged) - 1))
+        kind = draw(st.sampled_from(["flip", "flip", "set", "insert", "delete", "cut"]))
+        if kind == "flip":
+            damaged[at] ^= 1 << draw(st.integers(0, 7))
+        elif kind == "set":
+            damaged[at] = draw(st.integers(0, 255))
+        elif kind == "insert":
+            damaged[at:at] = draw(st.binary(min_size=1, max_size=8))
+        elif kind == "delete":
+            del damaged[at : at + draw(st.integers(1, 40))]
+        else:
+            del damaged[at:]
+    return bytes(damaged)
+
+
+@st.composite
+def damaged_lines(draw: st.DrawFn, text: bytes) -> bytes:
+    """`text` with lines shuffled, doubled or dropped, and fields replaced."""
+    lines = text.split(b"\n")
+    if draw(st.booleans()):
+        lines = draw(st.permutations(lines))
+    for _ in range(draw(st.integers(0, 5))):
+        at = draw(st.integers(0, len(lines) - 1))
+        fields = lines[at].split(b" ")
+        kind = draw(st.sampled_from(["field", "field", "field", "repeat", "drop", "shorten"]))
+        if kind == "field":
+            # half the time near the end, where pose and stamp are
+            i = draw(st.integers(0, len(fields) - 1) | st.integers(max(0, len(fields) - 10), len(fields) - 1))
+            fields[i] = draw(STRANGE_FIELDS)
+            lines[at] = b" ".join(fields)
+        elif kind == "repeat":
+            lines[at:at] = [lines[at]] * draw(st.integers(1, 3))
+        elif kind == "drop" and len(lines) > 1:
+            del lines[at]
+        else:
+            lines[at] = b" ".join(fields[: draw(st.integers(0, len(fields)))])
+    return b"\n".join(lines)
+
+
+@st.composite
+def strange_npz(draw: st.DrawFn) -> bytes:
+    """A sound archive whose arrays have the wrong shapes, kinds, names or values."""
+    with np.load(io.BytesIO(NPZ)) as archive:
+        arrays = dict(archive)
+    for _ in range(draw(st.integers(1, 3))):
+        name = draw(st.sampled_from(sorted(arrays))) if arrays else "t"
+        kind = draw(st.sampled_from(["value", "value", "reshape", "cast", "drop", "scalar", "empty"]))
+        if kind == "drop" or name not in arrays:
+            arrays.pop(name, None)
+        elif kind == "value" and arrays[name].size and arrays[name].dtype in ("f4", "f8"):
+            value = draw(st.floats(width=32) | st.just(float("nan")))
+            arrays[name].flat[draw(st.integers(0, arrays[name].size - 1))] = value
+        elif kind == "reshape":
+            arrays[name] = arrays[name].reshape(1, -1)
+        elif kind == "cast":
+            with np.errstate(all="ignore"):
+                dtype = draw(st.sampled_from(["S4", "U4", "complex64", "bool", "float16", "object"]))
+                arrays[name] = arrays[name].astype(dtype)
+        elif kind == "scalar":
+            arrays[name] = np.array(draw(st.integers(-(2**40), 2**40)))
+        else:
+            arrays[name] = arrays[name][:0] if arrays[name].ndim else arrays[name]
+    file = io.BytesIO()
+    np.savez(file, **arrays)
+    return file.getvalue()
+
+
+@st.composite
+def mutated_log_bytes(draw: st.DrawFn) -> bytes:
+    """Content of a scan log (CARMEN plain or gzip, or .npz) that something has damaged.
+
+    Now and then nothing is damaged at all, so what is tested is tested on readable logs, too.
+    """
+    kind = draw(st.sampled_from(["lines", "lines", "bytes", "gzip", "gzip lines", "npz", "strange npz"]))
+    if kind == "strange npz":
+        return draw(strange_npz())
+    if kind == "npz":
+        return draw(damaged_bytes(draw(st.sampled_from([NPZ, NPZ_COMPRESSED]))))
+    text = draw(st.sampled_from([CARMEN, CARMEN_WITHOUT_ROBOTLASER]))
+    if kind in ("lines", "gzip lines"):
+        text = draw(damaged_lines(text))
+    if kind == "bytes":
+        text = draw(damaged_bytes(text))
+    if kind.startswith("gzip"):
+        return draw(damaged_bytes(gzip.compress(text, compresslevel=1, mtime=0)))
+    return text

@@ -61,7 +61,7 @@ _HOMES = {
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
-__all__ = [  # noqa: PLE0604
+__all__ = [
     "CellClass",
     "CellHistory",
     "Changes",
@@ -79,8 +79,8 @@ __all__ = [  # noqa: PLE0604
     "ScanLog",
     "SensingConfig",
     "Snapshot",
-    "TemporalGrid",
     "TempogError",
+    "TemporalGrid",
     "TimeError",
     "TimeIndex",
     "Window",

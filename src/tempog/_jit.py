@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import numba
 
@@ -15,5 +15,4 @@ def kernel(function: F) -> F:
 
     Kernels that call each other share a file: Numba's cache notices edits only in the file it compiles.
     """
-    compile_loop: Callable[[F], F] = numba.njit(nogil=True, cache=True, error_model="numpy")
-    return compile_loop(function)
+    return cast(F, numba.njit(nogil=True, cache=True, error_model="numpy")(function))

@@ -33,9 +33,7 @@ def robotlaser(i, ranges=(1.0, 2.0, 3.0), remissions=(), start=-0.5, resolution=
 def write(tmp_path):
     def write(*lines, name="some.log"):
         path = tmp_path / name
-        path.write_bytes(
-            b"\n".join(line if isinstance(line, bytes) else line.encode() for line in lines) + b"\n"
-        )
+        path.write_bytes(b"\n".join(line if isinstance(line, bytes) else line.encode() for line in lines) + b"\n")
         return path
 
     return write
@@ -265,9 +263,7 @@ def test_with_a_rate_no_stamp_is_bad(write):
 def test_a_cut_gzip_file_is_refused(tmp_path):
     path = tmp_path / "cut.log.gz"
     path.write_bytes(gzip.compress("\n".join(good(2000)).encode())[:-3000])
-    with pytest.raises(
-        ScanError, match=r"cut\.log\.gz, after line \d+: the gzip file ends early(.|\n)*--skip-bad"
-    ):
+    with pytest.raises(ScanError, match=r"cut\.log\.gz, after line \d+: the gzip file ends early(.|\n)*--skip-bad"):
         open_scans(path)
 
 

@@ -127,9 +127,7 @@ def test_a_rate_of_centuries_is_refused():
         mend(np.zeros(100), "rate=1e-9")
 
 
-@pytest.mark.parametrize(
-    "clock", ["rate=0", "rate=-5", "rate=nan", "rate=inf", "rate=", "rate=x", "5", "", "rate"]
-)
+@pytest.mark.parametrize("clock", ["rate=0", "rate=-5", "rate=nan", "rate=inf", "rate=", "rate=x", "5", "", "rate"])
 def test_an_unknown_policy_or_rate_is_refused(clock):
     with pytest.raises(ConfigError, match="rate=5"):
         parse_clock(clock)

@@ -170,10 +170,7 @@ def test_a_header_that_claims_more_than_the_file_holds_is_refused_before_memory_
 
 def test_written_scans_read_back_the_same(tmp_path):
     angles = np.linspace(-1, 1, 5)
-    scans = [
-        Scan(1e9 + i, (0.1 * i, -1.0, 3.0), angles, [1.0, np.nan, np.inf, 0.0, 2.5 + i], 20.0)
-        for i in range(6)
-    ]
+    scans = [Scan(1e9 + i, (0.1 * i, -1.0, 3.0), angles, [1.0, np.nan, np.inf, 0.0, 2.5 + i], 20.0) for i in range(6)]
     path = tmp_path / "out.npz"
     write_npz(path, scans)
     for before, after in zip(scans, read_npz(path), strict=True):

@@ -26,9 +26,7 @@ class CellMoments(NamedTuple):
     spread: NDArray[np.float64]
 
 
-def map_dynamics(
-    grid: History, *, measure: Measure = "mad", weight: Weight = "duration"
-) -> NDArray[np.float32]:
+def map_dynamics(grid: History, *, measure: Measure = "mad", weight: Weight = "duration") -> NDArray[np.float32]:
     """How much each cell's occupancy changes: 0 never, 0.5 as much as possible.
 
     Parameters

@@ -48,11 +48,11 @@ def occupancy_grid(
         raise ConfigError(
             f"prob_low = {prob_low!r}, prob_high = {prob_high!r} cannot work; wanted 0 < low < 0.5 < high < 1"
         )
-    limits = [math.log(prob / (1 - prob)) for prob in (prob_low, prob_high)]
+    lowest, highest = (math.log(prob / (1 - prob)) for prob in (prob_low, prob_high))
     seen = np.zeros(grid.tiles.n_cells, dtype=np.bool_)
     logodds = np.zeros(grid.tiles.n_cells)
     for runs in grid.runs():
-        add_logodds(*runs, grid.first_scan, grid.last_scan, *limits, seen, logodds)
+        add_logodds(*runs, grid.first_scan, grid.last_scan, lowest, highest, seen, logodds)
     prob = (1 / (1 + np.exp(-logodds))).astype(np.float32)
     prob[~seen] = np.nan
     return grid.tiles.to_dense(prob, math.nan)

@@ -127,9 +127,7 @@ class History(ABC):
         """All intervals, in sets from oldest to newest; per cell, later sets hold later intervals."""
 
     @abstractmethod
-    def runs_of_cell(
-        self, cell: int
-    ) -> list[tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]]:
+    def runs_of_cell(self, cell: int) -> list[tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]]:
         """First scans, last scans and values of one cell's intervals, in pieces in time order."""
 
     # The period: a window narrows it.
@@ -233,9 +231,7 @@ class History(ABC):
         since = max(self.first_scan, int(np.searchsorted(stamps, start, side="left")))
         until = min(self.last_scan, int(np.searchsorted(stamps, stop, side="right")) - 1)
         if since > until:
-            covered = " to ".join(
-                self.format_moment(int(stamps[k])) for k in (self.first_scan, self.last_scan)
-            )
+            covered = " to ".join(self.format_moment(int(stamps[k])) for k in (self.first_scan, self.last_scan))
             raise EmptyWindowError(
                 f"no scan between {self.format_moment(start)} and {self.format_moment(stop)};"
                 f" the scans run from {covered}"
@@ -278,8 +274,7 @@ class History(ABC):
     def n_intervals(self) -> int:
         """Intervals that were seen within the period."""
         return sum(
-            int(count_overlapping(runs.first, runs.last, self.first_scan, self.last_scan))
-            for runs in self.runs()
+            int(count_overlapping(runs.first, runs.last, self.first_scan, self.last_scan)) for runs in self.runs()
         )
 
     @property
@@ -334,9 +329,7 @@ class Window(History):
         """All intervals, those outside the period too."""
         return self._whole.runs()
 
-    def runs_of_cell(
-        self, cell: int
-    ) -> list[tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]]:
+    def runs_of_cell(self, cell: int) -> list[tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]]:
         """All intervals of one cell, those outside the period too."""
         return self._whole.runs_of_cell(cell)
 

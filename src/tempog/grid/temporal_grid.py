@@ -166,9 +166,7 @@ class TemporalGrid(History):
             whole = Runs(*merge_runs(*whole, *runs))
         return whole
 
-    def runs_of_cell(
-        self, cell: int
-    ) -> list[tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]]:
+    def runs_of_cell(self, cell: int) -> list[tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]]:
         """First scans, last scans and values of one cell's intervals, in pieces in time order."""
         self._sort_sealed()
         pieces = []

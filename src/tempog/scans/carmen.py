@@ -229,9 +229,7 @@ def _collect(path: Path, laser: _Laser, bad: BadRows, sensor_max_range: float | 
     unknown = [name.decode() for name in n_messages if name not in KNOWN_MESSAGES]
     if unknown:
         notes.append(f"message types unknown to CARMEN are left out: {', '.join(unknown[:5])}")
-    return _Found(
-        explicit or plain, params, n_messages, notes, laser.explicit if explicit else laser.plain, gzipped
-    )
+    return _Found(explicit or plain, params, n_messages, notes, laser.explicit if explicit else laser.plain, gzipped)
 
 
 def _opened(path: Path) -> io.BufferedReader:
@@ -310,9 +308,7 @@ def _parse_explicit(label: str, line: bytes, sensor_max_range: float | None) -> 
     )
 
 
-def _parse_param(
-    label: str, line: bytes, laser: _Laser, params: dict[bytes, float], notes: list[str]
-) -> None:
+def _parse_param(label: str, line: bytes, laser: _Laser, params: dict[bytes, float], notes: list[str]) -> None:
     """Remember a parameter that matters; the last one wins, as in CARMEN."""
     fields = line.split(None, 3)
     if len(fields) < 3 or fields[1] not in (laser.max_param, laser.resolution_param):
@@ -338,8 +334,7 @@ def _want_fields(fields: list[bytes], n_wanted: int, why: str) -> None:
     if len(fields) != n_wanted:
         cut = ", as if cut short" if len(fields) < n_wanted else ""
         raise _BadLineError(
-            f"{fields[0].decode()} announces {why}, so {n_wanted} fields were wanted;"
-            f" found {len(fields)}{cut}"
+            f"{fields[0].decode()} announces {why}, so {n_wanted} fields were wanted; found {len(fields)}{cut}"
         )
 
 
@@ -472,9 +467,7 @@ def _max_ranges(
     return [max_range] * len(sweeps), [f"{note} (--sensor-max-range overrides it)"]
 
 
-def infer_sensor_max(
-    ranges: Sequence[NDArray[np.float32]], xy: Sequence[tuple[float, float]]
-) -> tuple[float, str]:
+def infer_sensor_max(ranges: Sequence[NDArray[np.float32]], xy: Sequence[tuple[float, float]]) -> tuple[float, str]:
     """Sensor maximum of a SICK-style log that does not name it: where readings pile up, or 80 m.
 
     Parameters

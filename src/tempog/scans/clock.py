@@ -238,9 +238,7 @@ class _Refusal:
         )
 
     def steps_back(self, i: int, n_back: int, period_s: float) -> ClockError:
-        limit = (
-            f"at most {MAX_MENDED_SHARE:.0%} of the scans, each by at most {MAX_STEP_BACK_PERIODS} periods"
-        )
+        limit = f"at most {MAX_MENDED_SHARE:.0%} of the scans, each by at most {MAX_STEP_BACK_PERIODS} periods"
         period = "" if math.isnan(period_s) else f" of {period_s:.3g} s"
         return ClockError(
             f"{self._place(i)}; {n_back} of {len(self.stamp_ns)} scans step back in time"

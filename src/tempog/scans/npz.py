@@ -77,8 +77,7 @@ def read_npz(
     max_range = float(arrays["max_range"].item()) if sensor_max_range is None else float(sensor_max_range)
     if not max_range > 0:
         raise ScanError(
-            f"{path}: array max_range is {max_range!r}; wanted metres above 0.\n"
-            "  --sensor-max-range overrides it."
+            f"{path}: array max_range is {max_range!r}; wanted metres above 0.\n  --sensor-max-range overrides it."
         )
     angles = arrays["angles"]
     if not np.isfinite(angles).all():
@@ -104,9 +103,7 @@ def read_npz(
     for row, ns in zip(rows[mended.order], mended.stamp_ns, strict=True):
         x, y, theta = poses[row].tolist()
         ranges = arrays["ranges"][row]
-        scans.append(
-            Scan(0.0, (x, y, theta), angles, ranges, max_range, stamp_ns=int(ns), label=f"row {row}")
-        )
+        scans.append(Scan(0.0, (x, y, theta), angles, ranges, max_range, stamp_ns=int(ns), label=f"row {row}"))
     return ScanLog(
         scans,
         source=str(path),
@@ -183,18 +180,20 @@ def _load(path: Path, *, with_max_range: bool) -> dict[str, NDArray[np.float64] 
     """The arrays, checked for shape and kind; ranges as float32, all else as float64."""
     names = ["t", "x", "y", "theta", "angles", "ranges", *(["max_range"] if with_max_range else [])]
     try:
-        with zipfile.ZipFile(path) as archive, warnings.catch_warnings():
+        file = path.open("rb")
+    except (OSError, ValueError) as error:  # ValueError: a null byte in the path
+        raise ScanError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from error
+    try:
+        with file, zipfile.ZipFile(file) as archive, warnings.catch_warnings():
             warnings.simplefilter("ignore")  # NumPy warns about headers of Python 2; they read well
             shapes = {name: _shape(path, archive, name) for name in names}
             _check_shapes(path, shapes)
             arrays = {name: _values(archive, name) for name in names}
     except ScanError:
         raise
-    except OSError as error:
-        raise ScanError(f"cannot read {path}: {error.strerror or error}") from error
     except Exception as error:
-        # Neither zipfile nor NumPy lists what a damaged file can raise: BadZipFile, zlib.error, KeyError,
-        # ValueError, EOFError, RuntimeError, NotImplementedError and MemoryError were all seen.
+        # Neither zipfile nor NumPy lists what a damaged file can raise: BadZipFile, zlib.error, OSError,
+        # ValueError, EOFError, RuntimeError, NotImplementedError, MemoryError ...
         raise ScanError(
             f"{path} cannot be read as .npz: {type(error).__name__}: {error}.\n"
             "  The file is damaged or cut short; write it again with numpy.savez."
@@ -212,9 +211,7 @@ def _shape(path: Path, archive: zipfile.ZipFile, name: str) -> tuple[int, ...]:
         raise ScanError(f"{path}: no array {name}{option}; the archive holds {held}.\n  {WANTED}.") from None
     with archive.open(info) as member:
         version = npy_format.read_magic(member)
-        read_header = (
-            npy_format.read_array_header_1_0 if version == (1, 0) else npy_format.read_array_header_2_0
-        )
+        read_header = npy_format.read_array_header_1_0 if version == (1, 0) else npy_format.read_array_header_2_0
         shape, _, dtype = read_header(member)
         n_bytes = info.file_size - member.tell()
     if dtype.kind not in "iuf":
@@ -239,9 +236,7 @@ def _check_shapes(path: Path, shapes: dict[str, tuple[int, ...]]) -> None:
                 f" and angles {n_beams} beams"
             )
     if math.prod(shapes.get("max_range", ())) != 1:
-        raise ScanError(
-            f"{path}: array max_range has shape {shapes['max_range']}; wanted one number, shape ()"
-        )
+        raise ScanError(f"{path}: array max_range has shape {shapes['max_range']}; wanted one number, shape ()")
 
 
 def _values(archive: zipfile.ZipFile, name: str) -> NDArray[np.float64] | NDArray[np.float32]:

@@ -14,6 +14,7 @@ from tempog.scans.npz import read_npz
 from tempog.scans.scan import ScanLog
 
 HEAD_BYTES = 1 << 16  # enough for the first lines of any log
+CARMEN_HEADER = b"# message_name"  # the comment that CARMEN's logger writes first
 ZIP_MAGICS = (b"PK\x03\x04", b"PK\x05\x06")
 READABLE = (
     "Readable are CARMEN logs (.log, .clf; plain or gzip) and .npz with the arrays t, x, y, theta, angles,"
@@ -114,7 +115,7 @@ def _recognise(path: Path) -> str:
         if content.startswith(magic):
             raise ScanError(f"{path} is {name}{', gzipped' if packed else ''}.\n  {remedy}")
     first_words = (line.split(None, 1)[:1] for line in content.removeprefix(b"\xef\xbb\xbf").splitlines())
-    if any(word[0] in KNOWN_MESSAGES for word in first_words if word):
+    if content.startswith(CARMEN_HEADER) or any(word[0] in KNOWN_MESSAGES for word in first_words if word):
         return "carmen"
     if packed and not content:
         raise ScanError(f"{path} is a gzip file that holds nothing readable.\n  {READABLE}")

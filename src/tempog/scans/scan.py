@@ -65,9 +65,7 @@ class Scan:
         self.label = label
         if stamp_ns is None:
             if not abs(t) < MAX_STAMP_S:  # also catches NaN
-                raise ScanError(
-                    f"{where}stamp {t!r} s is not a usable time (wanted: within ±{MAX_STAMP_S:g} s)"
-                )
+                raise ScanError(f"{where}stamp {t!r} s is not a usable time (wanted: within ±{MAX_STAMP_S:g} s)")
             stamp_ns = round(t * 1e9)
         self.stamp_ns = int(stamp_ns)
         self.x, self.y, self.theta = (float(value) for value in pose)

@@ -53,8 +53,8 @@ class Sensor:
         self._no_return = NO_RETURN_CODES[self.config.no_return]
         self._prob_hit = np.float32(self.config.prob_hit)
         self._prob_free = np.float32(self.config.prob_free)
-        # Cells around the beams' bounds that protection may mark, and one for rounding.
-        self._rim = math.ceil(self.config.protect_m / self.resolution_m) + 1
+        # Cells around the beams' bounds that protection and snapping may mark, and one for rounding.
+        self._rim = math.ceil(max(self.config.protect_m, self.config.snap_m) / self.resolution_m) + 1
         self._state = np.empty(0, dtype=np.uint8)
         self._note = np.empty(0, dtype=np.int32)
         self._touched = np.empty(0, dtype=np.int32)
@@ -88,9 +88,7 @@ class Sensor:
         surfaces.reserve(tiles.n_cells, len(self._is_hit))
         beams = (scan.x, scan.y, self._end_x, self._end_y, self._reach)
         if config.evidence == "literal":
-            n_hits = kernels.mark_hits(
-                self._end_x, self._end_y, self._is_hit, *where, self._state, self._touched
-            )
+            n_hits = kernels.mark_hits(self._end_x, self._end_y, self._is_hit, *where, self._state, self._touched)
             n = kernels.free_literal(*beams, *where, self._state, self._touched, n_hits)
         else:
             kernels.protect_surfaces(
@@ -103,8 +101,18 @@ class Sensor:
                 config.collinear_m,
                 self._state,
             )
-            n_hits = kernels.mark_hits(
-                self._end_x, self._end_y, self._is_hit, *where, self._state, self._touched
+            n_hits = kernels.mark_hits_at_surfaces(
+                self._end_x,
+                self._end_y,
+                self._is_hit,
+                *where,
+                config.snap_m,
+                config.surface_min_hits,
+                *directory,
+                surfaces.slot_of_cell,
+                surfaces.hit_count,
+                self._state,
+                self._touched,
             )
             n = kernels.free_surface(
                 *beams,
@@ -171,7 +179,7 @@ class Sensor:
             scan.x,
             scan.y,
             scan.theta,
-            scan.max_range,
+            float(np.float32(scan.max_range)),  # a reading equal to it is a float32
             self.config.max_range_m,
             self._no_return,
             self.config.evidence == "surface",

@@ -25,6 +25,8 @@ NEVER = 0
 ALWAYS = 1
 NEIGHBOURS = 2
 
+# A cell beside a wall gets under a fifth of the wall's hits if the wall's face is a standard deviation away.
+STRAY_RATIO = 4
 # Beams that run along a surface within this angle say nothing about it (sine of 6 degrees): a pose error
 # of half a degree would move where they cross it by a tenth of its distance.
 MIN_CROSSING_SINE = 0.1
@@ -119,6 +121,59 @@ def mark_hits(
                 state[k] = HIT
                 touched[n] = k
                 n += 1
+    return n
+
+
+@kernel
+def mark_hits_at_surfaces(
+    end_x: NDArray[np.float64],
+    end_y: NDArray[np.float64],
+    is_hit: NDArray[np.bool_],
+    row0: int,
+    col0: int,
+    n_cols: int,
+    resolution: float,
+    snap: float,
+    min_hits: int,
+    directory: NDArray[np.int32],
+    dir_row0: int,
+    dir_col0: int,
+    slot_of_cell: NDArray[np.int32],
+    hit_count: NDArray[np.int32],
+    state: NDArray[np.uint8],
+    touched: NDArray[np.int32],
+) -> int:
+    """As `mark_hits`, but a stray hit counts for the surface beside it.
+
+    Range noise puts a few of a wall's hits into the cells before and behind it. A hit at most `snap` from a
+    neighbouring cell that has at least `min_hits` hits, and STRAY_RATIO times as many as its own, is one.
+    """
+    n = 0
+    for i in range(end_x.shape[0]):
+        if not is_hit[i]:
+            continue
+        row, col = math.floor(end_y[i] / resolution), math.floor(end_x[i] / resolution)
+        off_y, off_x = end_y[i] - row * resolution, end_x[i] - col * resolution
+        tile = directory[(row >> 3) - dir_row0, (col >> 3) - dir_col0]
+        slot = -1
+        if tile >= 0:
+            slot = slot_of_cell[tile * 64 + (row & 7) * 8 + (col & 7)]
+        own = 0
+        if slot >= 0:
+            own = hit_count[slot]
+        best, best_row, best_col = max(STRAY_RATIO * (own + 1), min_hits), row, col
+        for r in range(row - (off_y <= snap), row + (resolution - off_y <= snap) + 1):
+            for c in range(col - (off_x <= snap), col + (resolution - off_x <= snap) + 1):
+                tile = directory[(r >> 3) - dir_row0, (c >> 3) - dir_col0]
+                if tile >= 0:
+                    slot = slot_of_cell[tile * 64 + (r & 7) * 8 + (c & 7)]
+                    if slot >= 0 and hit_count[slot] >= best:
+                        best, best_row, best_col = hit_count[slot], r, c
+        k = (best_row - row0) * n_cols + best_col - col0
+        if state[k] != HIT:
+            state[k] = HIT
+            touched[n] = k
+            n += 1
     return n
 
 

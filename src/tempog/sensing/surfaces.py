@@ -52,6 +52,4 @@ class SurfaceMemory:
     @property
     def nbytes(self) -> int:
         """Bytes held."""
-        return (
-            self.slot_of_cell.nbytes + self.cell_of_slot.nbytes + self.hit_count.nbytes + self.moments.nbytes
-        )
+        return self.slot_of_cell.nbytes + self.cell_of_slot.nbytes + self.hit_count.nbytes + self.moments.nbytes

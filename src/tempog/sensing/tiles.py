@@ -165,9 +165,7 @@ class TileIndex:
     def to_dense(self, per_cell: NDArray[T], fill: float) -> NDArray[T]:
         """Lay a per-cell array out as ``[row, col]`` over `extent`."""
         extent = self.extent
-        dense = np.full(
-            (extent.n_rows // TILE, TILE, extent.n_cols // TILE, TILE), fill, dtype=per_cell.dtype
-        )
+        dense = np.full((extent.n_rows // TILE, TILE, extent.n_cols // TILE, TILE), fill, dtype=per_cell.dtype)
         r = self.tile_rows[: self.n_tiles] - extent.row0 // TILE
         c = self.tile_cols[: self.n_tiles] - extent.col0 // TILE
         dense[r, :, c, :] = per_cell[: self.n_cells].reshape(-1, TILE, TILE)

@@ -83,9 +83,7 @@ class Door:
                 f" swing_s = {self.swing_s!r}; wanted all three above 0"
             )
         if self.closed_rad == self.open_rad:
-            raise ConfigError(
-                f"a door stands at {self.open_rad!r} rad both open and closed; wanted two angles"
-            )
+            raise ConfigError(f"a door stands at {self.open_rad!r} rad both open and closed; wanted two angles")
         if self.schedule and self.schedule[0][0] < 0:
             raise ConfigError(f"a door first moves at {self.schedule[0][0]} s; wanted 0 s or later")
         for (t, _), (t_next, _) in pairwise(self.schedule):
@@ -212,9 +210,7 @@ class Robot:
             )
         for point, following in pairwise(self.path):
             if point == following:
-                raise ConfigError(
-                    f"the robot's path stays at {point}; wanted every point to differ from the next"
-                )
+                raise ConfigError(f"the robot's path stays at {point}; wanted every point to differ from the next")
 
     def poses(self, t: ArrayLike) -> NDArray[np.float64]:
         """Poses of the laser in the map frame at the times `t` (any shape, seconds).

@@ -44,9 +44,7 @@ FORMAT = "tempog-map"
 FORMAT_VERSION = 1
 MANIFEST = "map.json"
 ROWS_PER_GROUP = 2**18  # a cell's history is read from one or two groups of about 0.4 MB
-ZSTD_LEVEL = (
-    9  # 1.5 bytes per interval on a real log against 1.6 at level 3; writing is a small part of mapping
-)
+ZSTD_LEVEL = 9  # 1.5 bytes per interval on a real log against 1.6 at level 3; writing is a small part of mapping
 
 MOMENTS = ("mean_x", "mean_y", "cov_xx", "cov_xy", "cov_yy")
 
@@ -76,7 +74,7 @@ def save_map(
         `path` exists and `force` is not set, or it is something other than a map, or cannot be written.
     """
     root = Path(path)
-    replaces = _check_target(root, force)
+    replaces = check_target(root, force)
     folder = root if replaces else root.with_name(f".{root.name}.{uuid.uuid4().hex[:8]}.unfinished")
     data = folder / f"data-{uuid.uuid4().hex[:8]}"
     try:
@@ -150,9 +148,7 @@ class SavedMap(History):
         """All intervals, sorted by cell; read at the first call and kept."""
         yield self._all_runs
 
-    def runs_of_cell(
-        self, cell: int
-    ) -> list[tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]]:
+    def runs_of_cell(self, cell: int) -> list[tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]]:
         """First scans, last scans and values of one cell's intervals; reads only the row groups that hold them."""
         if "_all_runs" in self.__dict__:
             runs = self._all_runs
@@ -223,8 +219,8 @@ def hash_file(path: str | os.PathLike[str]) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _check_target(root: Path, force: bool) -> bool:
-    """Whether there is a map to replace."""
+def check_target(root: Path, force: bool) -> bool:
+    """Whether there is a map at `root` to replace; MapError where none may be written."""
     if not root.name:
         raise MapError(f"{root}: a map needs a directory of its own; name one that does not exist yet")
     if not root.exists():
@@ -232,9 +228,7 @@ def _check_target(root: Path, force: bool) -> bool:
     if not (root / MANIFEST).is_file():
         raise MapError(f"{root} exists and is not a tempog map, so it stays as it is; choose another name")
     if not force:
-        raise MapError(
-            f"{root} exists already; use --force (force=True) to replace it, or choose another name"
-        )
+        raise MapError(f"{root} exists already; use --force (force=True) to replace it, or choose another name")
     _read_manifest(root, any_version=True)
     return True
 
@@ -270,8 +264,7 @@ def _write_tables(grid: TemporalGrid, data: Path) -> None:
     _write(
         data / "surfaces.parquet",
         {"cell": surfaces.cell_of_slot[used], "hits": surfaces.hit_count[used], **moments},
-        {"cell": "DELTA_BINARY_PACKED", "hits": "DELTA_BINARY_PACKED"}
-        | dict.fromkeys(MOMENTS, "BYTE_STREAM_SPLIT"),
+        {"cell": "DELTA_BINARY_PACKED", "hits": "DELTA_BINARY_PACKED"} | dict.fromkeys(MOMENTS, "BYTE_STREAM_SPLIT"),
     )
 
 
@@ -336,13 +329,9 @@ def _read_manifest(root: Path, any_version: bool = False) -> dict[str, Any]:
         manifest = json.loads((root / MANIFEST).read_text(encoding="utf-8"))
     except FileNotFoundError:
         what = "it holds no map.json" if root.is_dir() else "there is no such directory"
-        raise MapError(
-            f"{root} is not a tempog map: {what}. Make one with: tempog map LOG -o {root}"
-        ) from None
+        raise MapError(f"{root} is not a tempog map: {what}. Make one with: tempog map LOG -o {root}") from None
     except NotADirectoryError:
-        raise MapError(
-            f"{root} is a file, not a tempog map; make a map of a log with: tempog map LOG"
-        ) from None
+        raise MapError(f"{root} is a file, not a tempog map; make a map of a log with: tempog map LOG") from None
     except (OSError, ValueError) as error:
         raise MapError(f"{root}: map.json cannot be read: {error}") from error
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:

@@ -1,0 +1,86 @@
+"""Where the time of integrate() goes, kernel by kernel."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import ModuleType
+from typing import Any
+
+import logs
+from ingest import integrate
+from logs import BenchLog
+from report import Row, Section
+
+from tempog.config import Evidence
+from tempog.grid import segments, temporal_grid
+from tempog.sensing import kernels
+
+KERNELS: tuple[tuple[ModuleType, str], ...] = (
+    (kernels, "aim"),
+    (kernels, "protect_surfaces"),
+    (kernels, "mark_hits"),
+    (kernels, "free_literal"),
+    (kernels, "free_surface"),
+    (kernels, "number_cells"),
+    (kernels, "add_hit_points"),
+    (temporal_grid, "extend_or_seal"),
+    (temporal_grid, "sort_by_cell"),
+    (segments, "merge_runs"),
+)
+
+
+def run(names: list[str], n_scans: int | None, n_repetitions: int) -> list[Section]:
+    """One section per evidence, for the first log."""
+    log = logs.load(names[0], n_scans)
+    evidences: tuple[Evidence, ...] = ("literal", "surface")
+    return [_section(log, evidence, n_repetitions) for evidence in evidences]
+
+
+def _section(log: BenchLog, evidence: Evidence, n_repetitions: int) -> Section:
+    integrate(log, evidence)  # warm-up
+    runs = [_kernel_seconds(log, evidence) for _ in range(n_repetitions)]
+    total, seconds = sorted(runs, key=lambda run: run[0])[len(runs) // 2]
+    section = Section(f"Where the time goes: {log.name}, {evidence}")
+    per_scan = 1e6 / len(log.scans)
+    for name, spent in seconds.most_common():
+        share = 100 * spent / total
+        section.rows.append(Row(name, f"{spent * per_scan:.1f} us/scan", value=share, unit="%"))
+    rest = total - seconds.total()
+    ours = f"{rest * per_scan:.1f} us/scan"
+    section.rows.append(Row("Python and NumPy between kernels", ours, value=100 * rest / total, unit="%"))
+    section.notes.append("The median run; taking the time of each kernel costs about a microsecond of the rest.")
+    return section
+
+
+def _kernel_seconds(log: BenchLog, evidence: Evidence) -> tuple[float, Counter[str]]:
+    """Seconds of a whole run, and of each kernel in it."""
+    seconds: Counter[str] = Counter()
+    with _timed_kernels(seconds):
+        start = time.perf_counter()
+        integrate(log, evidence)
+        return time.perf_counter() - start, seconds
+
+
+@contextmanager
+def _timed_kernels(seconds: Counter[str]) -> Iterator[None]:
+    originals = {(module, name): getattr(module, name) for module, name in KERNELS}
+    try:
+        for (module, name), original in originals.items():
+            setattr(module, name, _timed(original, name, seconds))
+        yield
+    finally:
+        for (module, name), original in originals.items():
+            setattr(module, name, original)
+
+
+def _timed(kernel: Callable[..., Any], name: str, seconds: Counter[str]) -> Callable[..., Any]:
+    def call(*arguments: Any) -> Any:
+        start = time.perf_counter()
+        answer = kernel(*arguments)
+        seconds[name] += time.perf_counter() - start
+        return answer
+
+    return call

@@ -1,0 +1,125 @@
+"""What several commands print alike."""
+
+from __future__ import annotations
+
+import json
+import sys
+import uuid
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from tempog.errors import ConfigError, MapError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from tempog.scans.scan import Scan
+
+JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
+ForceFlag = Annotated[bool, typer.Option("--force", help="Replace what is there.")]
+QuietFlag = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar, no notes.")]
+
+
+def print_json(answer: dict[str, Any]) -> None:
+    """One JSON object on standard output."""
+    typer.echo(json.dumps(answer, indent=2, allow_nan=False))
+
+
+def print_note(text: str) -> None:
+    """Something the user should know, on standard error."""
+    typer.echo(f"note: {text}", err=True)
+
+
+def duration_text(seconds: float) -> str:
+    """Seconds for people.
+
+    >>> duration_text(1061.3), duration_text(7384), duration_text(2.25)
+    ('17 min 41 s', '2 h 3 min', '2.2 s')
+    """
+    if seconds < 60:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    if minutes < 60:
+        return f"{minutes} min {rest} s"
+    return f"{minutes // 60} h {minutes % 60} min"
+
+
+def bytes_text(count: int) -> str:
+    """Bytes for people.
+
+    >>> bytes_text(3_921_233), bytes_text(512)
+    ('3.9 MB', '512 bytes')
+    """
+    for unit, size in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= size:
+            return f"{count / size:.1f} {unit}"
+    return f"{count} bytes"
+
+
+def count_text(count: int) -> str:
+    """A number with its thousands apart.
+
+    >>> count_text(1923258)
+    '1 923 258'
+    """
+    return f"{count:,}".replace(",", " ")
+
+
+def track_scans(scans: list[Scan]) -> Iterable[Scan]:
+    """The scans, with a progress bar on standard error."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    def tracked() -> Iterator[Scan]:
+        columns = (
+            TextColumn("mapping"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("scans  {task.fields[rate]}"),
+            TimeRemainingColumn(),
+        )
+        with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+            task = progress.add_task("mapping", total=len(scans), rate="")
+            for done, scan in enumerate(scans):
+                yield scan
+                if done % 64 == 0:
+                    speed = progress.tasks[0].speed
+                    rate = f"{speed:,.0f}/s" if speed else ""
+                    progress.update(task, completed=done + 1, rate=rate)
+            progress.update(task, completed=len(scans))
+
+    return tracked()
+
+
+def wants_progress(quiet: bool) -> bool:
+    """Whether a progress bar is welcome: on a terminal, and not told to be quiet."""
+    return not quiet and sys.stderr.isatty()
+
+
+def check_new_file(path: Path, force: bool) -> None:
+    """Refuse to write over a file unless told to, and into a directory that does not exist."""
+    if path.is_dir():
+        raise ConfigError(f"{path} is a directory; name a file, for example {path / 'map.png'}")
+    if path.exists() and not force:
+        raise MapError(f"{path} exists already; use --force to replace it, or choose another name")
+    if not path.absolute().parent.is_dir():
+        raise MapError(f"{path.parent} is not a directory; make it first, or choose another place for {path.name}")
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a picture, all of it or nothing."""
+    known = figure.canvas.get_supported_filetypes()
+    kind = path.suffix.lstrip(".").lower()
+    if kind not in known:
+        raise ConfigError(f"{path} names no picture format that can be written; wanted one of .{', .'.join(known)}")
+    unfinished = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
+    try:
+        figure.savefig(unfinished, format=kind)
+        unfinished.replace(path)
+    except OSError as error:
+        raise MapError(f"{path} could not be written: {error}") from error
+    finally:
+        unfinished.unlink(missing_ok=True)

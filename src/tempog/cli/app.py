@@ -1,0 +1,56 @@
+"""The commands together, and what happens to errors."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+from tempog._version import __version__
+from tempog.cli import demo, history, info, map_logs, show
+from tempog.errors import ConfigError, TempogError
+
+BAD_DATA, WRONG_USAGE, INTERRUPTED = 1, 2, 130
+
+app = typer.Typer(
+    name="tempog",
+    help="A map with a memory: every state each spot of an occupancy grid has had.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+app.command("map")(map_logs.map_logs)
+app.command("info")(info.info)
+app.command("show")(show.show)
+# A coordinate such as -3.2 is not an option.
+app.command("history", context_settings={"ignore_unknown_options": True})(history.history)
+app.command("demo")(demo.demo)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"tempog {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _common(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+def run() -> None:
+    """Run the command line; errors of tempog's own become one message and an exit code."""
+    try:
+        app()
+    except TempogError as error:
+        typer.echo(f"tempog: {error}", err=True)
+        sys.exit(WRONG_USAGE if isinstance(error, ConfigError) else BAD_DATA)
+    except KeyboardInterrupt:
+        typer.echo("tempog: interrupted; nothing was changed", err=True)
+        sys.exit(INTERRUPTED)

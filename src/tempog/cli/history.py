@@ -1,0 +1,73 @@
+"""``tempog history``: every state of one spot."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import typer
+
+from tempog.cli._output import JsonFlag, duration_text, print_json
+from tempog.cli.info import MapArgument
+from tempog.times import NS_PER_S
+
+if TYPE_CHECKING:
+    from tempog.grid.history import CellHistory, History
+
+STRIP_WIDTH = 72
+LISTED = 20
+OCCUPIED, FREE, BOTH, UNSEEN = "█", "░", "▒", " "
+
+
+def history(
+    map_path: MapArgument,
+    x: Annotated[float, typer.Argument(metavar="X", help="Metres, map frame.")],
+    y: Annotated[float, typer.Argument(metavar="Y", help="Metres, map frame.")],
+    every: Annotated[bool, typer.Option("--all", help="List every interval.")] = False,
+    json: JsonFlag = False,
+) -> None:
+    """List the states that the cell at X Y has had."""
+    from tempog.store.map_directory import open_map
+
+    saved = open_map(map_path)
+    states = saved.history(x, y)
+    if json:
+        intervals = [
+            {"start_s": start / NS_PER_S, "stop_s": stop / NS_PER_S, "prob": round(value, 6)}
+            for start, stop, value in states
+        ]
+        gaps = [{"start_s": start / NS_PER_S, "stop_s": stop / NS_PER_S} for start, stop in states.gaps.tolist()]
+        print_json({"map": str(map_path), "x": x, "y": y, "intervals": intervals, "gaps": gaps})
+        return
+    row, col = saved.tiles.spec.cell_of(x, y)
+    if not len(states):
+        typer.echo(f"({x:g}, {y:g}) m, cell [{row}, {col}]: never observed")
+        return
+    occupied = states.value > 0.5
+    typer.echo(
+        f"({x:g}, {y:g}) m, cell [{row}, {col}]: {len(states)} intervals, {int(occupied.sum())} occupied,"
+        f" {int((~occupied).sum())} free, {len(states.gaps)} gaps"
+    )
+    typer.echo(f"|{strip(saved, states)}|")
+    label = f"+{saved.duration_s:.0f} s"
+    typer.echo(f"+0{label:>{STRIP_WIDTH}}")
+    typer.echo(f"{OCCUPIED} occupied  {FREE} free  {BOTH} both  blank: not observed")
+    for k, (start, stop, value) in enumerate(states):
+        if k == LISTED and not every:
+            typer.echo(f"... and {len(states) - LISTED} more; --all lists them")
+            break
+        name = "occupied" if value > 0.5 else "free"
+        length = duration_text((stop - start) / NS_PER_S)
+        typer.echo(f"{saved.format_moment(start):>36}  {name:8} {value:.2f}  for {length}")
+
+
+def strip(saved: History, states: CellHistory) -> str:
+    """One character per equal part of the map's time."""
+    first, last = int(saved.stamps_ns[0]), int(saved.stamps_ns[-1])
+    borders = np.linspace(first, last, STRIP_WIDTH + 1)
+    marks = []
+    for left, right in zip(borders[:-1], borders[1:], strict=True):
+        inside = (states.start_ns <= right) & (states.stop_ns >= left)
+        kinds = set((states.value[inside] > 0.5).tolist())
+        marks.append({(): UNSEEN, (True,): OCCUPIED, (False,): FREE}.get(tuple(kinds), BOTH))
+    return "".join(marks)

@@ -1,0 +1,55 @@
+"""``tempog info``: what a map holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from tempog.cli._output import JsonFlag, bytes_text, count_text, duration_text, print_json
+
+MapArgument = Annotated[Path, typer.Argument(metavar="MAP", help="A map made by tempog map.")]
+
+
+def info(map_path: MapArgument, json: JsonFlag = False) -> None:
+    """Say what a map holds and how it was made."""
+    from tempog.store.map_directory import open_map
+
+    saved = open_map(map_path)
+    manifest = saved.manifest
+    x_min, x_max, y_min, y_max = saved.extent.bounds
+    answer: dict[str, Any] = {
+        "map": str(map_path),
+        "format_version": manifest["format_version"],
+        "n_scans": saved.n_scans,
+        "n_cells": manifest["n_cells"],
+        "n_intervals": manifest["n_intervals"],
+        "duration_s": saved.duration_s,
+        "scan_period_s": saved.scan_period_s if saved.n_scans > 1 else None,
+        "start_s": int(saved.stamps_ns[0]) / 1e9,
+        "stop_s": int(saved.stamps_ns[-1]) / 1e9,
+        "extent_m": {"x_min": x_min, "x_max": x_max, "y_min": y_min, "y_max": y_max},
+        "bytes_on_disk": saved.bytes_on_disk,
+        "config": manifest["config"],
+        "sources": manifest["sources"],
+    }
+    if json:
+        print_json(answer)
+        return
+    settings = {**manifest["config"]["grid"], **manifest["config"]["sensing"]}
+    rows = {
+        "map": f"{map_path}, {bytes_text(saved.bytes_on_disk)}",
+        "time": f"{saved.format_moment(int(saved.stamps_ns[0]))} to {saved.format_moment(int(saved.stamps_ns[-1]))}",
+        "scans": f"{count_text(saved.n_scans)} in {duration_text(saved.duration_s)}",
+        "area": f"x {x_min:.1f} to {x_max:.1f} m, y {y_min:.1f} to {y_max:.1f} m",
+        "cells": f"{count_text(manifest['n_cells'])} seen",
+        "intervals": count_text(manifest["n_intervals"]),
+        "settings": ", ".join(f"{name} {value}" for name, value in settings.items()),
+    }
+    for name, text in rows.items():
+        typer.echo(f"{name:10} {text}")
+    for source in manifest["sources"]:
+        typer.echo(f"{'source':10} {source['path']}: {source['format']}, {count_text(source['n_scans'])} scans")
+        for note in source["notes"]:
+            typer.echo(f"{'':10} note: {note}")

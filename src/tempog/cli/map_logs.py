@@ -1,0 +1,165 @@
+"""``tempog map``: laser logs to a map with a memory."""
+
+from __future__ import annotations
+
+import time
+from enum import Enum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from tempog.cli._output import (
+    ForceFlag,
+    JsonFlag,
+    QuietFlag,
+    bytes_text,
+    count_text,
+    duration_text,
+    print_json,
+    print_note,
+    track_scans,
+    wants_progress,
+)
+from tempog.config import DEFAULT_GAP, GridConfig, MapConfig, SensingConfig
+
+MAP_SUFFIX = ".tempog"
+LOG_SUFFIXES = {".gz", ".log", ".clf", ".npz"}
+
+
+class EvidenceChoice(str, Enum):
+    """How a scan becomes evidence."""
+
+    surface = "surface"
+    literal = "literal"
+
+
+class NoReturnChoice(str, Enum):
+    """What a beam without return frees."""
+
+    neighbours = "neighbours"
+    never = "never"
+    always = "always"
+
+
+class LaserChoice(str, Enum):
+    """Which laser of a CARMEN log."""
+
+    front = "front"
+    rear = "rear"
+
+
+def map_logs(
+    inputs: Annotated[
+        list[Path], typer.Argument(metavar="INPUT...", help="Laser logs: CARMEN (.log, .clf, .gz), .npz.")
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="MAP", help="The map to write. Default: INPUT.tempog here."),
+    ] = None,
+    resolution: Annotated[float, typer.Option(help="Side of a cell, metres.")] = GridConfig.resolution_m,
+    max_range: Annotated[
+        float, typer.Option(help="Readings beyond are not used, metres.")
+    ] = SensingConfig.max_range_m,
+    gap: Annotated[
+        str, typer.Option(help="A cell unseen for longer starts a new interval: 2s, or 10scans.")
+    ] = DEFAULT_GAP,
+    tolerance: Annotated[
+        float, typer.Option(help="Largest difference of P(occupied) within one interval.")
+    ] = GridConfig.tolerance,
+    evidence: Annotated[
+        EvidenceChoice, typer.Option(help="surface: walls stay walls; literal: the paper's sensor model.")
+    ] = EvidenceChoice.surface,
+    no_return: Annotated[
+        NoReturnChoice, typer.Option(help="When a beam without return frees space.")
+    ] = NoReturnChoice.neighbours,
+    clock: Annotated[
+        str, typer.Option(help="auto: mend little, refuse worse; sort: by stamp; rate=HZ: ignore the stamps.")
+    ] = "auto",
+    laser: Annotated[LaserChoice, typer.Option(help="CARMEN: FLASER or RLASER lines.")] = LaserChoice.front,
+    sensor_max_range: Annotated[
+        float | None, typer.Option(help="The sensor's maximum, metres; readings from there on are no returns.")
+    ] = None,
+    max_cells: Annotated[
+        int, typer.Option(help="Bound on the map's bounding rectangle, against corrupt poses.")
+    ] = GridConfig.max_cells,
+    skip_bad: Annotated[bool, typer.Option("--skip-bad", help="Leave out unusable lines, and count them.")] = False,
+    force: ForceFlag = False,
+    quiet: QuietFlag = False,
+    json: JsonFlag = False,
+) -> None:
+    """Map one or more laser logs; several are merged by time."""
+    config = MapConfig(
+        SensingConfig(evidence=evidence.value, max_range_m=max_range, no_return=no_return.value),
+        GridConfig(resolution_m=resolution, tolerance=tolerance, max_cells=max_cells),
+    )
+    path = output or default_map_path(inputs[0])
+    # These import Numba and pyarrow, which --help should not wait for.
+    from tempog.pipeline import build_grid
+    from tempog.scans.open import open_scans
+    from tempog.store.map_directory import check_target, open_map, save_map
+
+    check_target(path, force)
+    logs = [
+        open_scans(log, clock=clock, skip_bad=skip_bad, laser=laser.value, sensor_max_range=sensor_max_range)
+        for log in inputs
+    ]
+    if not quiet and not json:
+        for log in logs:
+            typer.echo(f"{log.source}: {log.format}, {len(log)} scans, {duration_text(log.duration_s)}")
+            for note in log.notes:
+                print_note(note)
+        for note in overlaps(logs):
+            print_note(note)
+    started = time.perf_counter()
+    grid = build_grid(logs, config, gap=gap, track=track_scans if wants_progress(quiet or json) else None)
+    ingest_s = time.perf_counter() - started
+    save_map(grid, path, sources=logs, force=force)
+    saved = open_map(path)
+    answer: dict[str, Any] = {
+        "map": str(path),
+        "n_scans": grid.n_scans,
+        "duration_s": grid.duration_s,
+        "n_cells": saved.manifest["n_cells"],
+        "n_intervals": saved.manifest["n_intervals"],
+        "ingest_s": ingest_s,
+        "scans_per_s": grid.n_scans / ingest_s,
+        "bytes_on_disk": saved.bytes_on_disk,
+        "resolution_m": resolution,
+        "gap_s": grid.config.grid.gap_s,
+        "evidence": evidence.value,
+        "sources": [
+            {"path": log.source, "n_scans": len(log), "n_skipped": log.n_skipped, "notes": list(log.notes)}
+            for log in logs
+        ],
+    }
+    if json:
+        print_json(answer)
+        return
+    typer.echo(
+        f"{count_text(grid.n_scans)} scans in {ingest_s:.1f} s ({answer['scans_per_s']:,.0f}/s):"
+        f" {count_text(answer['n_cells'])} cells, {count_text(answer['n_intervals'])} intervals,"
+        f" {bytes_text(answer['bytes_on_disk'])} in {path}"
+    )
+
+
+def default_map_path(log: Path) -> Path:
+    """Name of a log's map, in the current directory.
+
+    >>> default_map_path(Path("logs/office.log.gz")).name
+    'office.tempog'
+    """
+    name = log
+    while name.suffix.lower() in LOG_SUFFIXES:
+        name = name.with_suffix("")
+    return Path(name.name + MAP_SUFFIX)
+
+
+def overlaps(logs: list[Any]) -> list[str]:
+    """A note for each pair of logs, in order of their start, that overlap in time."""
+    ordered = sorted(logs, key=lambda log: int(log[0].stamp_ns))
+    return [
+        f"{earlier.source} and {later.source} overlap in time; their scans are merged by stamp"
+        for earlier, later in zip(ordered, ordered[1:], strict=False)
+        if later[0].stamp_ns <= earlier[-1].stamp_ns
+    ]

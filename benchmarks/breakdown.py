@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import ModuleType
@@ -45,19 +45,19 @@ def _section(log: BenchLog, evidence: Evidence, n_repetitions: int) -> Section:
     total, seconds = sorted(runs, key=lambda run: run[0])[len(runs) // 2]
     section = Section(f"Where the time goes: {log.name}, {evidence}")
     per_scan = 1e6 / len(log.scans)
-    for name, spent in seconds.most_common():
+    for name, spent in sorted(seconds.items(), key=lambda item: -item[1]):
         share = 100 * spent / total
         section.rows.append(Row(name, f"{spent * per_scan:.1f} us/scan", value=share, unit="%"))
-    rest = total - seconds.total()
+    rest = total - sum(seconds.values())
     ours = f"{rest * per_scan:.1f} us/scan"
     section.rows.append(Row("Python and NumPy between kernels", ours, value=100 * rest / total, unit="%"))
     section.notes.append("The median run; taking the time of each kernel costs about a microsecond of the rest.")
     return section
 
 
-def _kernel_seconds(log: BenchLog, evidence: Evidence) -> tuple[float, Counter[str]]:
+def _kernel_seconds(log: BenchLog, evidence: Evidence) -> tuple[float, dict[str, float]]:
     """Seconds of a whole run, and of each kernel in it."""
-    seconds: Counter[str] = Counter()
+    seconds: dict[str, float] = defaultdict(float)
     with _timed_kernels(seconds):
         start = time.perf_counter()
         integrate(log, evidence)
@@ -65,7 +65,7 @@ def _kernel_seconds(log: BenchLog, evidence: Evidence) -> tuple[float, Counter[s
 
 
 @contextmanager
-def _timed_kernels(seconds: Counter[str]) -> Iterator[None]:
+def _timed_kernels(seconds: dict[str, float]) -> Iterator[None]:
     originals = {(module, name): getattr(module, name) for module, name in KERNELS}
     try:
         for (module, name), original in originals.items():
@@ -76,7 +76,7 @@ def _timed_kernels(seconds: Counter[str]) -> Iterator[None]:
             setattr(module, name, original)
 
 
-def _timed(kernel: Callable[..., Any], name: str, seconds: Counter[str]) -> Callable[..., Any]:
+def _timed(kernel: Callable[..., Any], name: str, seconds: dict[str, float]) -> Callable[..., Any]:
     def call(*arguments: Any) -> Any:
         start = time.perf_counter()
         answer = kernel(*arguments)

@@ -69,7 +69,7 @@ def count_statements(log: BenchLog, evidence: Evidence) -> int:
         total += len(statements.cells)
         return statements
 
-    grid._sensor.sense = counting  # type: ignore[method-assign]
+    grid._sensor.sense = counting  # type: ignore[method-assign, assignment]
     grid.integrate_many(log.scans)
     return total
 
@@ -160,7 +160,7 @@ def _add_memory(section: Section, log: BenchLog) -> None:
                     f"{name}, peak memory over {'log-odds grid' if peer == 'plain' else 'OctoMap'}'s",
                     f"{peaks[name] / 1e6:.1f} MB",
                     f"{peaks[peer] / 1e6:.1f} MB",
-                    peaks[name] / peaks[peer],
+                    peaks[name] / max(peaks[peer], 1.0),
                 )
             )
     section.notes.append("Peak memory: a process each, above what it holds with everything imported and warm.")

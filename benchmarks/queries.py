@@ -57,12 +57,12 @@ Ask = Callable[[str, Parameters], Any]
 class Answer(NamedTuple):
     """What a question's answers, over all parameters, must have in common."""
 
-    count: int
+    n_values: int
     total: float
 
     def agrees(self, other: Answer) -> bool:
         """Sums are of float32 values in any order."""
-        return self.count == other.count and math.isclose(self.total, other.total, rel_tol=1e-4)
+        return self.n_values == other.n_values and math.isclose(self.total, other.total, rel_tol=1e-4)
 
 
 class Columns(NamedTuple):
@@ -177,7 +177,7 @@ def _add_rows(section: Section, question: Question, peers: list[Peer], n_repetit
         fastest = _fastest(peer, ways[peer.name.split(",")[0]], question.parameters)
         tasks[peer.name] = timed(partial(_ask_all, peer, fastest, question.parameters))
         parts = [peer.answer(rows) for rows in _ask_all(peer, fastest, question.parameters)]
-        theirs = Answer(sum(part.count for part in parts), sum(part.total for part in parts))
+        theirs = Answer(sum(part.n_values for part in parts), sum(part.total for part in parts))
         agreeing.append(theirs.agrees(ours))
         if not theirs.agrees(ours):
             section.notes.append(f"DISAGREE, {question.what}: tempog {ours}, {peer.name} {theirs}.")
@@ -194,7 +194,7 @@ def _add_rows(section: Section, question: Question, peers: list[Peer], n_repetit
             )
         )
     if all(agreeing):
-        section.notes.append(f"All agree, {question.what}: {ours.count} values, sum {ours.total:.6g}.")
+        section.notes.append(f"All agree, {question.what}: {ours.n_values} values, sum {ours.total:.6g}.")
 
 
 def _ask_all(peer: Peer, query: str, parameters: Sequence[Parameters]) -> list[Any]:

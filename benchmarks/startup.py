@@ -7,6 +7,8 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import logs
@@ -17,7 +19,7 @@ from tempog.scans.npz import write_npz
 from tempog.simulation import corridor, simulate
 
 SMALL_LOG = "aces"  # 440 scans of 180 beams
-PREPARE_S = 300.0  # no command here takes longer
+LONGEST_S = 300.0  # no command here takes longer
 
 
 def run(_names: list[str], _n_scans: int | None, n_repetitions: int) -> list[Section]:
@@ -27,7 +29,7 @@ def run(_names: list[str], _n_scans: int | None, n_repetitions: int) -> list[Sec
         log = _small_log(Path(folder))
         maps = (str(Path(folder, f"map-{k}")) for k in range(n_repetitions + 1))
         python = [sys.executable, "-c"]
-        commands = {
+        commands: dict[str, Callable[[], list[str]]] = {
             "bare Python": lambda: [*python, "pass"],
             "import numba": lambda: [*python, "import numba"],
             "import TemporalGrid": lambda: [*python, "from tempog import TemporalGrid"],
@@ -40,7 +42,7 @@ def run(_names: list[str], _n_scans: int | None, n_repetitions: int) -> list[Sec
             if reason := _failure(command()):
                 failures[name] = reason
             else:
-                tasks[name] = lambda command=command: _wall_s(command())  # type: ignore[misc]
+                tasks[name] = partial(_wall_s, command)
         seconds = interleave(tasks, n_repetitions)
     for name in commands:
         value = median(seconds[name]) if name in seconds else math.nan
@@ -53,18 +55,21 @@ def _small_log(folder: Path) -> Path:
     path = logs.log_path(SMALL_LOG)
     if path.is_file():
         return path
-    return Path(write_npz(folder / "simulated-corridor.npz", simulate(corridor(seed=0)).scans) or "")
+    path = folder / "simulated-corridor.npz"
+    write_npz(path, simulate(corridor(seed=0)).scans)
+    return path
 
 
 def _failure(command: list[str]) -> str:
     """Why the command does not work, in a few words; empty if it does."""
-    answer = subprocess.run(command, capture_output=True, text=True, timeout=PREPARE_S, check=False)
+    answer = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST_S, check=False)
     if answer.returncode == 0:
         return ""
     return f"failed: {(answer.stderr.strip().splitlines() or ['no message'])[-1].split('/')[-1][:60]}"
 
 
-def _wall_s(command: list[str]) -> float:
+def _wall_s(command: Callable[[], list[str]]) -> float:
+    words = command()
     start = time.perf_counter()
-    subprocess.run(command, capture_output=True, timeout=PREPARE_S, check=False)
+    subprocess.run(words, capture_output=True, timeout=LONGEST_S, check=False)
     return time.perf_counter() - start

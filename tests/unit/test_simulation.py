@@ -328,9 +328,7 @@ def test_a_person_walks_there_and_back_from_the_start_time():
 
 
 def test_cells_of_a_slanted_leaf_are_those_it_reaches_into():
-    covered = {
-        tuple(cell) for cell in covered_cells([(0.05, 0.0), (1.05, 1.0), (1.0, 1.05), (0.0, 0.05)], 0.2)
-    }
+    covered = {tuple(cell) for cell in covered_cells([(0.05, 0.0), (1.05, 1.0), (1.0, 1.05), (0.0, 0.05)], 0.2)}
     inside = set()  # points of the leaf, densely
     for along in np.linspace(0.001, 0.999, 400):
         for across in np.linspace(0.001, 0.999, 40):
@@ -392,9 +390,7 @@ def test_the_closed_door_fills_its_frame_and_the_open_one_stands_clear_of_the_wa
         corners = door.leaf_corners(angle)
         shrunk = corners.mean(axis=0) + 0.995 * (corners - corners.mean(axis=0))
         sides = outline(shrunk)
-        samples = np.concatenate(
-            [sides[:, :2] + u * (sides[:, 2:] - sides[:, :2]) for u in np.linspace(0, 1, 50)]
-        )
+        samples = np.concatenate([sides[:, :2] + u * (sides[:, 2:] - sides[:, :2]) for u in np.linspace(0, 1, 50)])
         assert all(gap_m(samples, wall.corners).min() > 0 for wall in world.walls)
 
 
@@ -402,9 +398,7 @@ def test_the_robot_passes_the_door_closed_and_open_in_both_directions(drive):
     (door,) = drive.world.doors
     x, theta = drive.poses[:, 0], drive.poses[:, 2]
     passes = np.flatnonzero((x[:-1] < 7.0) != (x[1:] < 7.0))
-    seen = [
-        ("east" if abs(theta[k]) < 1 else "west", drive.door_angles[k, 0] == door.open_rad) for k in passes
-    ]
+    seen = [("east" if abs(theta[k]) < 1 else "west", drive.door_angles[k, 0] == door.open_rad) for k in passes]
     assert len(seen) == 8
     assert set(seen) == {("east", False), ("east", True), ("west", False), ("west", True)}
 
@@ -434,8 +428,7 @@ def test_beams_end_in_the_cells_of_what_they_have_hit(drive):
     resolution_m = 0.05
     walls = {tuple(cell) for cell in drive.truth_static_cells(resolution_m)}
     leaf = {
-        state: {tuple(cell) for cell in drive.door_leaf_cells(state, resolution_m)}
-        for state in ("closed", "open")
+        state: {tuple(cell) for cell in drive.door_leaf_cells(state, resolution_m)} for state in ("closed", "open")
     }
     (door,) = drive.world.doors
     just_inside = 1e-6
@@ -465,16 +458,12 @@ def test_truth_cells_cover_the_walls_and_leave_the_ways_free(drive):
     for path in (drive.poses[:, :2], drive.people[:, 0]):
         assert not cells & {(math.floor(y / 0.05), math.floor(x / 0.05)) for x, y in path}
     # Walls of 0.15 m whose faces lie in mid-cell cover 4 rows of cells, 0.2 m: a third more than their area.
-    area = sum(
-        (w.corners[2][0] - w.corners[0][0]) * (w.corners[2][1] - w.corners[0][1]) for w in drive.world.walls
-    )
+    area = sum((w.corners[2][0] - w.corners[0][0]) * (w.corners[2][1] - w.corners[0][1]) for w in drive.world.walls)
     assert area < len(cells) * 0.05**2 < area * 1.4
 
 
 def test_the_leaf_covers_a_strip_along_the_wall_when_closed_and_across_it_when_open(drive):
-    assert drive.door_leaf_cells("closed", 0.05).tolist() == [
-        [r, c] for r in (50, 51) for c in range(130, 149)
-    ]
+    assert drive.door_leaf_cells("closed", 0.05).tolist() == [[r, c] for r in (50, 51) for c in range(130, 149)]
     assert drive.door_leaf_cells("open", 0.05).tolist() == [[r, c] for r in range(51, 70) for c in (147, 148)]
     assert drive.door_leaf_segments("open").shape == (4, 4)
     np.testing.assert_allclose(drive.door_leaf_segments("open")[0], [7.425, 2.575, 7.425, 3.475])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -66,7 +67,7 @@ def strip(saved: History, states: CellHistory) -> str:
     first, last = int(saved.stamps_ns[0]), int(saved.stamps_ns[-1])
     borders = np.linspace(first, last, STRIP_WIDTH + 1)
     marks = []
-    for left, right in zip(borders[:-1], borders[1:], strict=True):
+    for left, right in pairwise(borders):
         inside = (states.start_ns <= right) & (states.stop_ns >= left)
         kinds = set((states.value[inside] > 0.5).tolist())
         marks.append({(): UNSEEN, (True,): OCCUPIED, (False,): FREE}.get(tuple(kinds), BOTH))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from enum import Enum
+from enum import StrEnum
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -27,14 +28,14 @@ MAP_SUFFIX = ".tempog"
 LOG_SUFFIXES = {".gz", ".log", ".clf", ".npz"}
 
 
-class EvidenceChoice(str, Enum):
+class EvidenceChoice(StrEnum):
     """How a scan becomes evidence."""
 
     surface = "surface"
     literal = "literal"
 
 
-class NoReturnChoice(str, Enum):
+class NoReturnChoice(StrEnum):
     """What a beam without return frees."""
 
     neighbours = "neighbours"
@@ -42,7 +43,7 @@ class NoReturnChoice(str, Enum):
     always = "always"
 
 
-class LaserChoice(str, Enum):
+class LaserChoice(StrEnum):
     """Which laser of a CARMEN log."""
 
     front = "front"
@@ -160,6 +161,6 @@ def overlaps(logs: list[Any]) -> list[str]:
     ordered = sorted(logs, key=lambda log: int(log[0].stamp_ns))
     return [
         f"{earlier.source} and {later.source} overlap in time; their scans are merged by stamp"
-        for earlier, later in zip(ordered, ordered[1:], strict=False)
+        for earlier, later in pairwise(ordered)
         if later[0].stamp_ns <= earlier[-1].stamp_ns
     ]

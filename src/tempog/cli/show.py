@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from enum import Enum
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 MOMENT_HELP = "seconds as in the log, +120 from the start, or a date like 2003-12-10T17:51:58Z"
 
 
-class LayerChoice(str, Enum):
+class LayerChoice(StrEnum):
     """What to draw."""
 
     occupancy = "occupancy"

@@ -197,7 +197,7 @@ def protect_surfaces(
     the hit before or after them within `collinear` of their line.
     """
     n = end_x.shape[0]
-    ring = int(math.ceil(protect / resolution))
+    ring = math.ceil(protect / resolution)
     step = 0.5 * resolution
     for i in range(n):
         if not is_hit[i]:
@@ -216,7 +216,7 @@ def protect_surfaces(
                     off = dx * (end_y[i + 2] - end_y[i]) - dy * (end_x[i + 2] - end_x[i])
                     in_line = abs(off) <= collinear * gap
                 if in_line:
-                    samples = int(math.ceil(gap / step))
+                    samples = math.ceil(gap / step)
         for k in range(samples):
             x = end_x[i] / resolution - col0 + k / samples * dx / resolution
             y = end_y[i] / resolution - row0 + k / samples * dy / resolution

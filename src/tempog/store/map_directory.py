@@ -5,7 +5,7 @@
 | map.json | format version, settings, sources, and the name of the data folder | |
 | data-*/scans.parquet | one row per scan, in time order | stamp_ns int64, x, y (m), theta (rad) of the laser |
 | data-*/tiles.parquet | one row per tile of 8 x 8 cells, in the order of their numbers | row, col int32, in tiles |
-| data-*/intervals.parquet | one row per interval, sorted by cell, then time | cell, first_scan, span int32, prob float32 |
+| data-*/intervals.parquet | one row per interval, by cell, then time | cell, first_scan, span int32, prob float32 |
 | data-*/surfaces.parquet | one row per cell that was ever hit | cell, hits int32, five moments float32 |
 
 A cell's number is ``tile * 64 + (row % 8) * 8 + col % 8``; an interval was first seen by scan `first_scan`

@@ -32,7 +32,7 @@ BLACK, WHITE, GREY, ORANGE = (0.07, 0.07, 0.09), (1.0, 1.0, 1.0), (0.74, 0.75, 0
 MARGIN_SHARE = 0.02  # of the longer side, unexplored space left around what was seen
 PIXELS_PER_CELL = 3
 LONGEST_SIDE_PX = (900, 3600)  # a small map is still readable, a large one still a picture
-DPI = 150
+LONGEST_SIDE_INCHES = 9.0  # text keeps its size relative to the picture, whatever the resolution
 MAX_DYNAMICS = 0.5
 # Dynamics below the first are left uncoloured, from the second on drawn in full colour, so that what moves
 # stands out from walls and floor. 0.1 is a cell in its rarer state for 7 % of the time, 0.3 for 25 %.
@@ -88,10 +88,8 @@ def draw_layer(
         raise ConfigError(f"layer = {layer!r} cannot work; wanted one of {', '.join(get_args(Layer))}")
     if at is not None and layer not in MOMENT_LAYERS:
         raise ConfigError(f"the {layer} layer shows a period, not a moment; use a window instead of at")
-    if layer in MOMENT_LAYERS:
-        drawing = _moment_drawing(history, layer, at, hold)
-    else:
-        drawing = _period_drawing(history, layer)
+    is_moment = layer in MOMENT_LAYERS
+    drawing = _moment_drawing(history, layer, at, hold) if is_moment else _period_drawing(history, layer)
     rgb, extent = _cropped(drawing.rgb, history.extent)
     figure, axes = _canvas(*extent.shape, has_bar=drawing.colours is not None)
     axes.imshow(rgb, origin="lower", extent=extent.bounds, interpolation="nearest")
@@ -191,9 +189,9 @@ def _cropped(rgb: Rgb, extent: Extent) -> tuple[Rgb, Extent]:
 def _canvas(n_rows: int, n_cols: int, has_bar: bool) -> tuple[Figure, Axes]:
     """A figure whose axes fit the picture, with room for labels."""
     longest_px = min(max(max(n_rows, n_cols) * PIXELS_PER_CELL, LONGEST_SIDE_PX[0]), LONGEST_SIDE_PX[1])
-    inches_per_cell = longest_px / max(n_rows, n_cols) / DPI
+    inches_per_cell = LONGEST_SIDE_INCHES / max(n_rows, n_cols)
     size = (max(n_cols * inches_per_cell, 4.5) + 0.8 + 0.9 * has_bar, max(n_rows * inches_per_cell, 1.5) + 1.2)
-    figure = Figure(figsize=size, dpi=DPI, layout="constrained")
+    figure = Figure(figsize=size, dpi=longest_px / LONGEST_SIDE_INCHES, layout="constrained")
     return figure, figure.add_subplot()
 
 

@@ -6,7 +6,6 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from types import ModuleType
 from typing import Any
 
 import logs
@@ -18,18 +17,7 @@ from tempog.config import Evidence
 from tempog.grid import segments, temporal_grid
 from tempog.sensing import kernels
 
-KERNELS: tuple[tuple[ModuleType, str], ...] = (
-    (kernels, "aim"),
-    (kernels, "protect_surfaces"),
-    (kernels, "mark_hits"),
-    (kernels, "free_literal"),
-    (kernels, "free_surface"),
-    (kernels, "number_cells"),
-    (kernels, "add_hit_points"),
-    (temporal_grid, "extend_or_seal"),
-    (temporal_grid, "sort_by_cell"),
-    (segments, "merge_runs"),
-)
+MODULES = (kernels, temporal_grid, segments)  # where integrate() finds its kernels
 
 
 def run(names: list[str], n_scans: int | None, n_repetitions: int) -> list[Section]:
@@ -66,7 +54,12 @@ def _kernel_seconds(log: BenchLog, evidence: Evidence) -> tuple[float, dict[str,
 
 @contextmanager
 def _timed_kernels(seconds: dict[str, float]) -> Iterator[None]:
-    originals = {(module, name): getattr(module, name) for module, name in KERNELS}
+    originals = {
+        (module, name): value
+        for module in MODULES
+        for name, value in vars(module).items()
+        if hasattr(value, "py_func")  # compiled by Numba
+    }
     try:
         for (module, name), original in originals.items():
             setattr(module, name, _timed(original, name, seconds))

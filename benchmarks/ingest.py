@@ -11,6 +11,7 @@ import numpy as np
 from logs import MAX_RANGE_M, RESOLUTION_M, BenchLog
 from measure import Task, interleave, median, ratio, timed
 from memory import compile_seconds, peak_memory
+from numpy.typing import NDArray
 from peers import DictionaryGrid, LogOddsGrid, OctoMap
 from report import Row, Section, at_least, at_most
 
@@ -18,6 +19,7 @@ from tempog import TemporalGrid
 from tempog.config import Evidence
 from tempog.sensing.evidence import Statements
 
+HAS_OCTOMAP = importlib.util.find_spec("pyoctomap") is not None
 N_ORACLE_SCANS = 100  # plain Python takes a minute for a whole log
 
 
@@ -57,6 +59,15 @@ def integrate_dictionary(log: BenchLog) -> DictionaryGrid:
     return grid
 
 
+def integrate_octomap(points: list[NDArray[np.float64]], origins: list[NDArray[np.float64]]) -> OctoMap:
+    """OctoMap of a whole log, given as end points."""
+    octree = OctoMap(RESOLUTION_M, MAX_RANGE_M)
+    for points_map, origin in zip(points, origins, strict=True):
+        octree.integrate(points_map, origin)
+    octree.finish()
+    return octree
+
+
 def count_statements(log: BenchLog, evidence: Evidence) -> int:
     """Cell statements (hit or free, once per cell and scan) in the whole log."""
     grid = TemporalGrid(log.config(evidence))
@@ -85,8 +96,9 @@ def _section(log: BenchLog, n_repetitions: int) -> Section:
         "part": timed(lambda: integrate(part, "literal")),
         "dictionary": timed(lambda: integrate_dictionary(part)),
     }
-    if importlib.util.find_spec("pyoctomap"):
-        tasks["octomap"] = _octomap_task(log)
+    if HAS_OCTOMAP:
+        points, origins = _octomap_input(log)
+        tasks["octomap"] = timed(lambda: integrate_octomap(points, origins))
     interleave({name: tasks[name] for name in ("part", "surface", "plain")}, 1)  # warm-up
     seconds = interleave(tasks, n_repetitions)
     section = Section(f"Ingest: {log.name}, {len(log.scans)} scans, {log.n_rays} rays")
@@ -97,17 +109,10 @@ def _section(log: BenchLog, n_repetitions: int) -> Section:
     return section
 
 
-def _octomap_task(log: BenchLog) -> Task:
-    points = [logs.end_points(scan) for scan in log.scans]
+def _octomap_input(log: BenchLog) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
+    """End points and origin of each scan, made beforehand."""
     origins = [np.array([scan.x, scan.y, 0.0]) for scan in log.scans]
-
-    def work() -> None:
-        octree = OctoMap(RESOLUTION_M, MAX_RANGE_M)
-        for points_map, origin in zip(points, origins, strict=True):
-            octree.integrate(points_map, origin)
-        octree.finish()
-
-    return timed(work)
+    return [logs.end_points(scan) for scan in log.scans], origins
 
 
 def _add_ratios(section: Section, log: BenchLog, seconds: dict[str, list[float]]) -> None:
@@ -160,7 +165,7 @@ def _add_memory(section: Section, log: BenchLog) -> None:
                     f"{name}, peak memory over {'log-odds grid' if peer == 'plain' else 'OctoMap'}'s",
                     f"{peaks[name] / 1e6:.1f} MB",
                     f"{peaks[peer] / 1e6:.1f} MB",
-                    peaks[name] / max(peaks[peer], 1.0),
+                    peaks[name] / peaks[peer],
                 )
             )
     section.notes.append("Peak memory: a process each, above what it holds with everything imported and warm.")
@@ -174,10 +179,13 @@ def _same_cells(log: BenchLog, bounds: tuple[float, float, float, float]) -> str
 
 def _same_intervals(part: BenchLog) -> str:
     ours, dictionary = integrate(part, "literal"), integrate_dictionary(part)
-    return (
+    note = (
         f"{len(part.scans)} scans in the dictionary: {dictionary.n_intervals} intervals of"
-        f" {len(dictionary.history)} cells; tempog: {ours.n_intervals} of {ours.n_cells}."
+        f" {len(dictionary.history)} cells; tempog: {ours.n_intervals} of {ours.n_cells}"
     )
+    if HAS_OCTOMAP:
+        note += f"; OctoMap: {integrate_octomap(*_octomap_input(part)).tree.getNumLeafNodes()} leaves"
+    return f"{note}."
 
 
 def _compile_notes() -> list[str]:

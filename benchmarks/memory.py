@@ -27,11 +27,15 @@ MAXRSS_UNIT = 1 if sys.platform == "darwin" else 1024  # getrusage speaks kiloby
 
 
 def peak_memory(method: str, log: BenchLog) -> float:
-    """Bytes by which a process that maps `log` by `method` outgrows itself before; NaN if it failed."""
+    """Bytes by which a process that maps `log` by `method` outgrows itself before; NaN if it failed.
+
+    With glibc, large blocks are set to go back to the system once freed, so that nothing is mapped into
+    what loading left behind.
+    """
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "scans.npz")
         _save(log, path)
-        answer = _ask(["peak", method, str(path)])
+        answer = _ask(["peak", method, str(path)], MALLOC_MMAP_THRESHOLD_="131072")
     return float(answer[0]) if answer else math.nan
 
 

@@ -162,8 +162,18 @@ def _questions(grid: TemporalGrid) -> list[Question]:
             [()],
             DYNAMICS,
             DYNAMICS,
+            at_least(1),
+            at_least(1),
         ),
-        Question("history of a cell", histories, [(int(cell),) for cell in cells], HISTORY, HISTORY),
+        Question(
+            "history of a cell",
+            histories,
+            [(int(cell),) for cell in cells],
+            HISTORY,
+            HISTORY,
+            at_least(1),
+            at_least(1),
+        ),
     ]
 
 

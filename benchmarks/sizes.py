@@ -37,7 +37,13 @@ def _add_rows(section: Section, evidence: Evidence, grid: TemporalGrid) -> None:
     intervals, everything = _bytes_on_disk(grid)
     n_intervals, n_bytes = f"{n} intervals", "bytes"
     section.rows += [
-        Row(f"{evidence}, memory per sealed interval", n_intervals, "", sealed, at_most(18, n_bytes)),
+        Row(
+            f"{evidence}, memory per sealed interval",
+            f"{segments.n_intervals} intervals",
+            "",
+            sealed,
+            at_most(18, n_bytes),
+        ),
         Row(f"{evidence}, all memory per interval", n_intervals, "", in_all, at_most(18, n_bytes)),
         Row(f"{evidence}, intervals.parquet per interval", n_intervals, "", intervals / n, at_most(3, n_bytes)),
         Row(f"{evidence}, whole map directory per interval", n_intervals, "", everything / n, at_most(3, n_bytes)),

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import gzip
 import io
+from dataclasses import dataclass
 
 import numpy as np
 from hypothesis import strategies as st
+
+from tempog.scans.scan import Scan
 
 N_SCANS = 12
 
@@ -160,3 +163,90 @@ def mutated_log_bytes(draw: st.DrawFn) -> bytes:
         level = draw(st.sampled_from([0, 1]))  # 0 stores, so that damage reaches the text
         return draw(damaged_bytes(gzip.compress(text, compresslevel=level, mtime=0)))
     return text
+
+
+# Statement streams: what many scans say about a few cells.
+
+NS = 1_000_000_000
+STREAM_START_NS = 1_071_078_718_000_000_000
+# Two tiles far apart, one of them at negative coordinates; corners and borders of tiles.
+STREAM_CELLS = [(0, 0), (0, 7), (7, 7), (-1, -1), (-400, 3), (-393, 0)]
+STREAM_PROBS = [0.1, 0.9, 0.5, 0.3, 0.30000001, 0.7, 0.45, 0.05]
+
+
+@dataclass(frozen=True)
+class Stream:
+    """What each of many scans says: ``statements[k]`` holds ``(cell, prob)`` and belongs to ``stamps_ns[k]``."""
+
+    stamps_ns: list[int]
+    statements: list[list[tuple[tuple[int, int], float]]]
+    gap_ns: int
+    tolerance: float
+
+    @property
+    def measurements(self):
+        """``(now, cell, value)`` in time order, as the paper's Fig. 4 wants them."""
+        return [
+            (now, cell, prob)
+            for now, said in zip(self.stamps_ns, self.statements, strict=True)
+            for cell, prob in said
+        ]
+
+
+@st.composite
+def streams(draw: st.DrawFn, max_scans: int = 40) -> Stream:
+    """Random statement streams; pauses lie on and beside the gap threshold, values beside the tolerance."""
+    gap_ns = draw(st.sampled_from([200_000_000, 1_000_000_000, 2_500_000_000]))
+    steps = st.sampled_from([0, 1, gap_ns // 10, gap_ns // 10, gap_ns - 1, gap_ns, gap_ns + 1, 5 * gap_ns])
+    if draw(st.booleans()):
+        steps = st.just(gap_ns // 10)  # many looks in a row, so that intervals become long
+    probs = st.sampled_from(STREAM_PROBS if draw(st.booleans()) else [0.1, 0.9])
+    said = st.lists(
+        st.tuples(st.sampled_from(STREAM_CELLS), probs), max_size=6, unique_by=lambda statement: statement[0]
+    )
+    statements = draw(st.lists(said, min_size=1, max_size=max_scans))
+    now, stamps = STREAM_START_NS, []
+    for _ in statements:
+        now += draw(steps)
+        stamps.append(now)
+    return Stream(stamps, statements, gap_ns, draw(st.sampled_from([0.0, 0.2, 0.4, 0.6, 1.0])))
+
+
+# Scans, with coordinates at which no beam meets a cell's corner.
+
+ODD = [0.0137, 0.02718, 0.031415, 0.0444, 0.00577]  # metres off the lattice
+FAR = [(0.0, 0.0), (-3.0, -7.0), (40_000.0, -40_000.0), (-41_234.5, 12.0)]
+
+
+@st.composite
+def odd_poses(draw: st.DrawFn, origin: tuple[float, float] = (0.0, 0.0)) -> tuple[float, float, float]:
+    """Poses within a metre of `origin`, off the lattice."""
+    x = draw(st.integers(-20, 20)) * 0.0497 + draw(st.sampled_from(ODD)) / 1.37
+    y = draw(st.integers(-20, 20)) * 0.0503 + draw(st.sampled_from(ODD)) / 1.61
+    return origin[0] + x, origin[1] + y, draw(st.integers(-30, 30)) * 0.10473
+
+
+@st.composite
+def odd_ranges(draw: st.DrawFn, n_beams: int, farthest: float = 5.0) -> list[float]:
+    """Readings of all kinds: hits, too far, no return, and those that say nothing."""
+    reading = st.one_of(
+        st.integers(1, 400).map(lambda k: k * farthest / 397),
+        st.integers(1, 400).map(lambda k: k * farthest / 397),
+        st.sampled_from([float("inf")] * 4 + [float("nan"), float("-inf"), 0.0, -1.0, 4.0, 1e-6]),
+    )
+    return draw(st.lists(reading, min_size=n_beams, max_size=n_beams))
+
+
+@st.composite
+def odd_scans(draw: st.DrawFn, max_scans: int = 1, max_beams: int = 12) -> list[Scan]:
+    """A few scans from near one place, which may be 40 km from the origin, 0.1 s to 3 s apart."""
+    origin = draw(st.sampled_from(FAR))
+    n_beams = draw(st.integers(1, max_beams))
+    angles = np.array([-1.5 + 0.2718 * k for k in range(n_beams)])
+    sensor_max = draw(st.sampled_from([4.0, 4.5, float("inf")]))
+    t, scans = 100.0, []
+    for _ in range(draw(st.integers(1, max_scans))):
+        t += draw(st.sampled_from([0.0, 0.1, 0.1, 0.1, 3.0]))
+        ranges = draw(odd_ranges(n_beams))
+        scans.append(Scan(t, draw(odd_poses(origin)), angles, ranges, sensor_max))
+    return scans

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from tempog.errors import ClockError, ConfigError, ScanError
-from tempog.scans.carmen import beam_angles, infer_sensor_max, read_carmen
+from tempog.scans.carmen import read_carmen
+from tempog.scans.laser_geometry import beam_angles, infer_sensor_max
 from tempog.scans.open import open_scans
 
 LASER_LOGS = Path(__file__).parents[2].parent / "shared" / "data" / "laser_logs"

@@ -158,14 +158,12 @@ def _add_memory(section: Section, log: BenchLog) -> None:
     peaks = {name: peak_memory(name, log) for name in ("literal", "surface", "plain", "octomap")}
     for name in ("literal", "surface"):
         for peer in ("plain", "octomap"):
-            if math.isnan(peaks[peer]):
-                continue
             section.rows.append(
                 Row(
                     f"{name}, peak memory over {'log-odds grid' if peer == 'plain' else 'OctoMap'}'s",
                     f"{peaks[name] / 1e6:.1f} MB",
                     f"{peaks[peer] / 1e6:.1f} MB",
-                    peaks[name] / peaks[peer],
+                    peaks[name] / peaks[peer] if peaks[peer] > 0 else math.nan,
                 )
             )
     section.notes.append("Peak memory: a process each, above what it holds with everything imported and warm.")

@@ -61,6 +61,7 @@ def _save(log: BenchLog, path: Path) -> None:
         poses=np.array([(scan.x, scan.y, scan.theta) for scan in log.scans]),
         angles=log.scans[0].angles,
         ranges=np.array([scan.ranges for scan in log.scans]),
+        bounds=np.array(log.bounds),  # working them out would leave freed memory behind
     )
 
 
@@ -105,7 +106,8 @@ def _map(method: str, log: BenchLog, bounds: tuple[float, float, float, float]) 
 def _print_peak(method: str, path: str) -> None:
     with np.load(path) as saved:
         log = BenchLog("", list(_scans(saved)))
-    bounds = log.bounds
+        x_min, x_max, y_min, y_max = (float(bound) for bound in saved["bounds"])
+    bounds = (x_min, x_max, y_min, y_max)
     _map(method, BenchLog("warm-up", log.scans[:2]), bounds)
     gc.collect()
     _forget_peak()

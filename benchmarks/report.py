@@ -100,7 +100,7 @@ class Section:
 
 def describe_run(n_repetitions: int) -> str:
     """The command line, the machine and the versions; no date and no path."""
-    arguments = " ".join(sys.argv[1:])
+    arguments = " ".join(Path(argument).name for argument in sys.argv[1:])
     versions = [f"{name} {_version(name)}" for name in PACKAGES]
     versions += [f"sqlite {sqlite3.sqlite_version}", f"tempog {_tempog_version()}"]
     return "\n".join(

@@ -16,7 +16,7 @@ from tempog.errors import ConfigError
 Evidence = Literal["surface", "literal"]
 NoReturn = Literal["neighbours", "never", "always"]
 
-MAX_SCAN_CELLS_ACROSS = 20_000  # cells; 500 m of range at 0.05 m: beyond that one scan alone fills gigabytes
+MAX_SCAN_CELLS_ACROSS = 8_000  # cells; 200 m of range at 0.05 m: one scan then works on a window of 64 MB
 
 
 def _require(ok: bool, name: str, seen: object, wanted: str) -> None:

@@ -33,7 +33,7 @@ def add_measurement(grid, now, cell, v, thres_1, thres_2):
         grid[cell] = [[now, now, v]]
         return
     interval = grid[cell][-1]
-    start, stop, value = interval
+    _start, stop, value = interval
     if now - stop > thres_1:
         # gaping effect
         grid[cell].append([now, now, v])

@@ -594,7 +594,7 @@ def test_a_ray_moves_one_cell_per_step(pose, hundredths, evidence):
 def test_the_surface_model_calls_free_only_what_the_literal_model_does(scans):
     said = {}
     for evidence in ("literal", "surface"):
-        sensing = SensingConfig(evidence=evidence, max_range_m=MAX_RANGE_M)
+        sensing = SensingConfig(evidence=evidence, max_range_m=MAX_RANGE_M, snap_m=0)
         grid = TemporalGrid(MapConfig(sensing, GridConfig(RESOLUTION_M, gap_s=4.0)))
         said[evidence] = []
         for scan in scans:

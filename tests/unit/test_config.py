@@ -32,6 +32,7 @@ NAN, INF = math.nan, math.inf
         ("protect_m", 10.5),
         ("bridge_m", NAN),
         ("collinear_m", INF),
+        ("snap_m", -0.01),
         ("surface_min_hits", 1),
     ],
 )

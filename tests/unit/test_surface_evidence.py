@@ -13,6 +13,7 @@ from tempog.grid.temporal_grid import TemporalGrid
 from tempog.scans.scan import Scan
 
 RESOLUTION_M = 0.05
+HALF_DIAGONAL_M = RESOLUTION_M / math.sqrt(2)  # a cell's centre may lie so far beyond a beam's end in it
 INF = math.inf
 
 
@@ -42,7 +43,7 @@ def fan(ranges, **kwargs) -> Scan:
 
 
 def farthest_free_m(free: set, angle: float) -> float:
-    """How far from (0.01, 0.013) the free cells reach in the direction of a beam of `fan`."""
+    """How far from (0.01, 0.013) the centres of free cells reach in the direction of a beam of `fan`."""
     reach = 0.0
     for row, col in free:
         x, y = (col + 0.5) * RESOLUTION_M - 0.01, (row + 0.5) * RESOLUTION_M - 0.013
@@ -83,23 +84,32 @@ def test_a_grazed_wall_is_not_called_free_by_the_surface_model():
     assert free
 
 
+# Hits all around, off the lattice; the beams to some of them pass close to others.
+HITS = [
+    (1.023, 0.607),
+    (2.007, 1.312),
+    (2.003, 0.631),
+    (1.613, 0.211),
+    (0.508, 0.417),
+    (1.411, -0.703),
+    (0.807, 1.414),
+    (2.21, 1.03),
+]
+
+
 @pytest.mark.parametrize("protect_m", [0.0, 0.07, 0.1, 0.23])
 def test_no_cell_within_protect_m_of_a_hit_is_free(protect_m):
-    scan = scan_of([(1.02, 0.6), (2.0, 1.3), (2.0, 0.62), (1.6, 0.2), (0.5, 0.4), (1.4, -0.7), (0.8, 1.41)])
-    points = [(1.02, 0.6), (0.5, 0.4)]  # beams to other points pass both
-    grid = new_grid(protect_m=protect_m, bridge_m=0, free_margin_m=0)
-    _, free = said_by(grid, scan)
-    for x, y in points:
-        assert min(distance_m(cell, x, y) for cell in free) > protect_m
+    _, free = said_by(new_grid(protect_m=protect_m, bridge_m=0, free_margin_m=0), scan_of(HITS))
+    assert min(distance_m(cell, *point) for cell in free for point in HITS) > protect_m
 
 
 @pytest.mark.parametrize("protect_m", [0.0, 0.07, 0.1, 0.23])
 def test_a_cell_beyond_protect_m_of_all_hits_is_free_as_in_the_literal_model(protect_m):
-    points = [(1.02, 0.6), (2.0, 1.3), (2.0, 0.62), (1.6, 0.2), (0.5, 0.4), (1.4, -0.7), (0.8, 1.41)]
-    _, literal = said_by(new_grid(evidence="literal"), scan_of(points))
-    _, free = said_by(new_grid(protect_m=protect_m, bridge_m=0, free_margin_m=0), scan_of(points))
-    far = {cell for cell in literal if min(distance_m(cell, *point) for point in points) > protect_m}
-    assert free == far
+    _, literal = said_by(new_grid(evidence="literal"), scan_of(HITS))
+    _, free = said_by(new_grid(protect_m=protect_m, bridge_m=0, free_margin_m=0), scan_of(HITS))
+    near = {cell for cell in literal if min(distance_m(cell, *point) for point in HITS) <= protect_m}
+    assert free == literal - near
+    assert bool(near) == (protect_m > 0)
 
 
 # Sparse hits in line are one surface.
@@ -232,12 +242,13 @@ def test_a_beam_at_ten_degrees_to_the_known_surface_frees_its_cell():
     assert frees_surface(grid_with_surface(), (1.02 - lean, -0.99), (1.02 + lean, 1.01))
 
 
-def test_of_two_beams_through_a_known_surface_the_crossing_one_counts_in_either_order():
-    beside, across = (2.0, 0.12), (2.0, 0.010)  # from (0.01, 0.010): the first is at y = 0.066 by then
-    for order in ([(2.0, 0.055), across], [across, (2.0, 0.055)]):
-        _, free = said_by(grid_with_surface(), scan_of(order, origin=(0.01, 0.010)))
-        assert SURFACE_CELL in free
-    assert beside not in free
+@pytest.mark.parametrize("across_first", [True, False])
+def test_of_two_beams_through_a_known_surface_the_crossing_one_counts_in_either_order(across_first):
+    across, beside = (2.0, 0.010), (2.0, 0.055)  # from (0.01, 0.010); the second is at y = 0.033 by then
+    order = [across, beside] if across_first else [beside, across]
+    assert not frees_surface(grid_with_surface(), (0.01, 0.010), beside)
+    _, free = said_by(grid_with_surface(), scan_of(order, origin=(0.01, 0.010)))
+    assert SURFACE_CELL in free
 
 
 @pytest.mark.parametrize("x0", [0.0, 40_000.0, -40_000.0])
@@ -270,7 +281,7 @@ def test_surfaces_of_any_direction_are_crossed_head_on_and_passed_beside(x0):
 @pytest.mark.parametrize("evidence", ["surface", "literal"])
 def test_one_drop_out_frees_nothing_under_neighbours(evidence):
     _, free = said_by(new_grid(evidence=evidence, max_range_m=6), fan([2.0, INF, 2.0]))
-    assert farthest_free_m(free, 0.32) == 0.0 or farthest_free_m(free, 0.32) < 0.5  # only near the robot
+    assert farthest_free_m(free, 0.32) < 0.5  # where the beams beside it pass
 
 
 def test_the_first_and_last_beam_of_a_run_free_nothing_under_neighbours():
@@ -283,37 +294,37 @@ def test_the_first_and_last_beam_of_a_run_free_nothing_under_neighbours():
 @pytest.mark.parametrize(("before", "after"), [(2.0, 3.0), (3.0, 2.0)])
 def test_a_run_of_no_returns_reaches_no_farther_than_the_nearer_return_beside_it(before, after):
     _, free = said_by(new_grid(max_range_m=6), fan([before, INF, INF, INF, after]))
-    assert 1.9 < farthest_free_m(free, 0.62) <= 2.0
+    assert 1.9 < farthest_free_m(free, 0.62) <= 2.0 + HALF_DIAGONAL_M
 
 
 def test_a_run_of_no_returns_at_the_edge_reaches_as_far_as_its_one_neighbour():
     _, free = said_by(new_grid(max_range_m=6), fan([INF, INF, INF, 2.0]))
-    assert 1.9 < farthest_free_m(free, 0.02) <= 2.0
+    assert 1.9 < farthest_free_m(free, 0.02) <= 2.0 + HALF_DIAGONAL_M
     _, free = said_by(new_grid(max_range_m=6), fan([2.0, INF, INF, INF]))
-    assert 1.9 < farthest_free_m(free, 0.92) <= 2.0
+    assert 1.9 < farthest_free_m(free, 0.92) <= 2.0 + HALF_DIAGONAL_M
 
 
 def test_the_literal_model_frees_a_run_of_no_returns_to_max_range():
     _, free = said_by(new_grid(evidence="literal", max_range_m=6), fan([2.0, INF, INF, INF, 3.0]))
-    assert 5.9 < farthest_free_m(free, 0.62) <= 6.0
+    assert 5.9 < farthest_free_m(free, 0.62) <= 6.0 + HALF_DIAGONAL_M
 
 
 @pytest.mark.parametrize("evidence", ["surface", "literal"])
 def test_no_returns_everywhere_free_to_max_range(evidence):
     _, free = said_by(new_grid(evidence=evidence, max_range_m=6), fan([INF, INF, INF, INF]))
     for beam in range(4):
-        assert 5.9 < farthest_free_m(free, 0.02 + 0.3 * beam) <= 6.0
+        assert 5.9 < farthest_free_m(free, 0.02 + 0.3 * beam) <= 6.0 + HALF_DIAGONAL_M
 
 
 def test_no_returns_free_no_farther_than_the_sensor_reaches():
     _, free = said_by(new_grid(max_range_m=6), fan([4.0, 5.0, INF, 4.0], max_range=4.0))
     for beam in range(4):
-        assert 3.9 < farthest_free_m(free, 0.02 + 0.3 * beam) <= 4.0
+        assert 3.9 < farthest_free_m(free, 0.02 + 0.3 * beam) <= 4.0 + HALF_DIAGONAL_M
 
 
 def test_always_frees_a_single_drop_out_up_to_the_returns_beside_it():
     _, free = said_by(new_grid(max_range_m=6, no_return="always"), fan([2.0, INF, 3.0]))
-    assert 1.9 < farthest_free_m(free, 0.32) <= 2.0
+    assert 1.9 < farthest_free_m(free, 0.32) <= 2.0 + HALF_DIAGONAL_M
 
 
 def test_never_frees_nothing_for_no_returns():
@@ -332,6 +343,75 @@ def test_a_reading_that_says_nothing_is_no_no_return(nothing):
 @pytest.mark.parametrize("nothing", [math.nan, -INF, 0.0, -1.0])
 def test_a_scan_of_readings_that_say_nothing_says_nothing(nothing):
     assert said_by(new_grid(no_return="always"), fan([nothing] * 4)) == (set(), set())
+
+
+# A stray hit counts for the surface beside it.
+
+
+def grid_with_wall(n_hits: int, x: float = 1.02, **sensing) -> TemporalGrid:
+    """A grid whose cell (0, 20) was hit so often."""
+    grid = new_grid(**sensing)
+    for _ in range(n_hits):
+        said_by(grid, scan_of([(x, 0.02)]))
+    return grid
+
+
+def test_a_stray_hit_counts_for_the_surface_beside_it():
+    hits, _ = said_by(grid_with_wall(8), scan_of([(1.07, 0.02)]))  # 2 cm into the next cell
+    assert hits == {(0, 20)}
+
+
+def test_a_hit_farther_than_snap_m_from_the_surface_counts_where_it_fell():
+    hits, _ = said_by(grid_with_wall(8), scan_of([(1.085, 0.02)]))
+    assert hits == {(0, 21)}
+
+
+def test_a_stray_hit_counts_where_it_fell_with_snap_m_zero():
+    hits, _ = said_by(grid_with_wall(8, snap_m=0), scan_of([(1.07, 0.02)]))
+    assert hits == {(0, 21)}
+
+
+def test_a_hit_beside_a_cell_with_few_hits_counts_where_it_fell():
+    hits, _ = said_by(grid_with_wall(3), scan_of([(1.07, 0.02)]))
+    assert hits == {(0, 21)}
+
+
+def test_a_cell_with_many_hits_of_its_own_is_no_stray():
+    grid = grid_with_wall(8)
+    for _ in range(3):
+        said_by(grid, scan_of([(1.07, 0.02)]))
+    hits, _ = said_by(grid, scan_of([(1.07, 0.02)]))
+    assert hits == {(0, 21)}
+
+
+def test_a_stray_hit_point_is_remembered_in_the_cell_where_it_fell():
+    grid = grid_with_wall(8)
+    said_by(grid, scan_of([(1.07, 0.02)]))
+    slot = grid.surfaces.slot_of_cell[grid.tiles.cell_number(0, 21)]
+    assert grid.surfaces.hit_count[slot] == 1
+
+
+def test_a_stray_hit_in_a_tile_that_nobody_saw_yet_is_remembered_in_its_own_cell():
+    # the wall's cell (0, 23) is the last of its tile; the stray hit falls into (0, 24), the first of the next
+    grid = grid_with_wall(8, x=1.18)
+    said_by(grid, scan_of([(1.21, 0.02)]))
+    used = grid.surfaces.cell_of_slot[: grid.surfaces.n_slots]
+    assert used.min() >= 0
+    slot = grid.surfaces.slot_of_cell[grid.tiles.cell_number(0, 24)]
+    assert grid.surfaces.hit_count[slot] == 1
+
+
+@pytest.mark.parametrize("x0", [0.0, -40_000.0])
+def test_strays_are_found_on_every_side_and_corner(x0):
+    for side_x in (-1, 0, 1):
+        for side_y in (-1, 0, 1):
+            grid = new_grid()
+            middle = x0 + 1.025, 1.025
+            for _ in range(8):
+                said_by(grid, scan_of([middle], origin=(x0 + 0.01, 0.01)))
+            stray = middle[0] + 0.04 * side_x, middle[1] + 0.04 * side_y
+            hits, _ = said_by(grid, scan_of([stray], origin=(x0 + 0.01, 0.01)))
+            assert hits == {grid.tiles.spec.cell_of(*middle)}
 
 
 # Hit points.

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from tempog.config import MapConfig
 from tempog.errors import ConfigError, EmptyWindowError, TimeError
-from tempog.grid.intervals import NEVER
 from tempog.grid.segments import Runs, count_overlapping, latest_states
 from tempog.scans.scan import scan_period_s
 from tempog.sensing.grid_spec import Extent
@@ -292,17 +291,12 @@ class History(ABC):
         self._require_scans()
         stamps = self.stamps_ns
         until = min(self.last_scan, int(np.searchsorted(stamps, stamp_ns, side="right")) - 1)
-        value = np.full(self.tiles.n_cells, np.nan, dtype=np.float32)
-        last = np.full(self.tiles.n_cells, NEVER, dtype=np.int32)
+        value, age_s = (np.full(self.tiles.n_cells, np.nan, dtype=np.float32) for _ in range(2))
         if until >= self.first_scan:
+            # An interval that goes on after the moment counts as seen just then.
+            ages_s = (np.maximum(stamp_ns - stamps, 0) / NS_PER_S).astype(np.float32)
             for runs in self.runs():
-                latest_states(*runs, self.first_scan, until, value, last)
-        # At the moment itself an interval that goes on later counts as seen just now.
-        ages_of_scans = np.maximum(stamp_ns - stamps, 0).astype(np.float32) / np.float32(NS_PER_S)
-        age_s = np.append(ages_of_scans, np.float32(np.nan))[last]  # NEVER, -1, reads the NaN
-        unknown = ~(age_s <= hold_s)
-        value[unknown] = np.nan
-        age_s[unknown] = np.nan
+                latest_states(*runs, self.first_scan, until, ages_s, hold_s, value, age_s)
         return value, age_s
 
     def _require_scans(self) -> None:

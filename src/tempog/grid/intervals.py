@@ -103,50 +103,28 @@ def sort_by_cell(
 
 
 @kernel
-def merge_runs(
-    cells_a: NDArray[np.int32],
-    offsets_a: NDArray[np.int64],
-    first_a: NDArray[np.int32],
-    last_a: NDArray[np.int32],
-    value_a: NDArray[np.float32],
-    cells_b: NDArray[np.int32],
-    offsets_b: NDArray[np.int64],
-    first_b: NDArray[np.int32],
-    last_b: NDArray[np.int32],
-    value_b: NDArray[np.float32],
-) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
-    """Join two sorted sets of intervals; per cell all of `a` comes before all of `b`."""
-    n_a, n_b = cells_a.shape[0], cells_b.shape[0]
-    n_distinct, i, j = 0, 0, 0
-    while i < n_a or j < n_b:
-        from_a = i < n_a and (j >= n_b or cells_a[i] <= cells_b[j])
-        from_b = j < n_b and (i >= n_a or cells_b[j] <= cells_a[i])
-        i += from_a
-        j += from_b
-        n_distinct += 1
-    total = first_a.shape[0] + first_b.shape[0]
-    cells = np.empty(n_distinct, dtype=np.int32)
-    offsets = np.empty(n_distinct + 1, dtype=np.int64)
-    first = np.empty(total, dtype=np.int32)
-    last = np.empty(total, dtype=np.int32)
-    value = np.empty(total, dtype=np.float32)
-    d, n, i, j = 0, 0, 0, 0
-    while i < n_a or j < n_b:
-        from_a = i < n_a and (j >= n_b or cells_a[i] <= cells_b[j])
-        from_b = j < n_b and (i >= n_a or cells_b[j] <= cells_a[i])
-        offsets[d] = n
-        if from_a:
-            cells[d] = cells_a[i]
-            for k in range(offsets_a[i], offsets_a[i + 1]):
-                first[n], last[n], value[n] = first_a[k], last_a[k], value_a[k]
-                n += 1
-            i += 1
-        if from_b:
-            cells[d] = cells_b[j]
-            for k in range(offsets_b[j], offsets_b[j + 1]):
-                first[n], last[n], value[n] = first_b[k], last_b[k], value_b[k]
-                n += 1
-            j += 1
-        d += 1
-    offsets[d] = n
-    return cells, offsets, first, last, value
+def count_per_cell(cells: NDArray[np.int32], offsets: NDArray[np.int64], next_place: NDArray[np.int64]) -> None:
+    """Add each cell's number of intervals to ``next_place[cell + 1]``."""
+    for i in range(cells.shape[0]):
+        next_place[cells[i] + 1] += offsets[i + 1] - offsets[i]
+
+
+@kernel
+def append_to_cells(
+    cells: NDArray[np.int32],
+    offsets: NDArray[np.int64],
+    first: NDArray[np.int32],
+    last: NDArray[np.int32],
+    value: NDArray[np.float32],
+    next_place: NDArray[np.int64],
+    out_first: NDArray[np.int32],
+    out_last: NDArray[np.int32],
+    out_value: NDArray[np.float32],
+) -> None:
+    """Copy each cell's intervals to its next place in the joined arrays, and move that place on."""
+    for i in range(cells.shape[0]):
+        place = next_place[cells[i]]
+        for k in range(offsets[i], offsets[i + 1]):
+            out_first[place], out_last[place], out_value[place] = first[k], last[k], value[k]
+            place += 1
+        next_place[cells[i]] = place

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tempog._jit import kernel
-from tempog.grid.intervals import merge_runs
+from tempog.grid.intervals import append_to_cells, count_per_cell
 
 
 class Runs(NamedTuple):
@@ -44,38 +45,63 @@ class Runs(NamedTuple):
 
     def of_cell(self, cell: int) -> slice:
         """Where the intervals of one cell are; empty if it has none."""
-        i = int(np.searchsorted(self.cells, cell))
+        i = int(np.searchsorted(self.cells, np.int32(cell)))  # another type would copy the array
         if i == len(self.cells) or self.cells[i] != cell:
             return slice(0, 0)
         return slice(int(self.offsets[i]), int(self.offsets[i + 1]))
 
 
-class SegmentStack:
-    """Immutable segments from oldest to newest, merged so that each is over twice as large as the next.
+def join(sets: Sequence[Runs]) -> Runs:
+    """One set of the intervals of several, given from oldest to newest."""
+    if len(sets) == 1:
+        return sets[0]
+    n_cells = max((int(runs.cells[-1]) + 1 for runs in sets if len(runs.cells)), default=0)
+    places = np.zeros(n_cells + 1, dtype=np.int64)
+    for runs in sets:
+        count_per_cell(runs.cells, runs.offsets, places)
+    cells = np.flatnonzero(places[1:]).astype(np.int32)
+    np.cumsum(places, out=places)
+    offsets = np.append(places[cells], places[-1])
+    first, last, value = (np.empty(places[-1], dtype=kind) for kind in (np.int32, np.int32, np.float32))
+    for runs in sets:
+        append_to_cells(*runs, places, first, last, value)
+    return Runs(cells, offsets, first, last, value)
 
-    An interval is copied once per doubling, so appending stays cheap however long the history is, and a
-    query visits a number of segments that grows with the logarithm of the history.
+
+class SegmentStack:
+    """Immutable segments from oldest to newest.
+
+    While mapping they only pile up, so that a scan costs the same however long the history is. A question
+    joins the newest ones first, until each segment is over twice as large as all newer ones together: an
+    interval is copied once per doubling, and a question visits few segments.
     """
 
     def __init__(self) -> None:
-        self.segments: list[Runs] = []
+        self._segments: list[Runs] = []
 
     def push(self, runs: Runs) -> None:
         """Add the newest intervals."""
-        self.segments.append(runs)
-        while len(self.segments) > 1 and self.segments[-2].n_intervals <= 2 * self.segments[-1].n_intervals:
-            newer, older = self.segments.pop(), self.segments.pop()
-            self.segments.append(Runs(*merge_runs(*older, *newer)))
+        self._segments.append(runs)
+
+    def settled(self) -> list[Runs]:
+        """The segments, joined as far as is worth it."""
+        segments = self._segments
+        sizes = [runs.n_intervals for runs in segments]
+        for k, size in enumerate(sizes[:-1]):
+            if size <= 2 * sum(sizes[k + 1 :]):
+                segments[k:] = [join(segments[k:])]
+                break
+        return segments
 
     @property
     def n_intervals(self) -> int:
         """Number of intervals in all segments."""
-        return sum(runs.n_intervals for runs in self.segments)
+        return sum(runs.n_intervals for runs in self._segments)
 
     @property
     def nbytes(self) -> int:
         """Bytes held."""
-        return sum(runs.nbytes for runs in self.segments)
+        return sum(runs.nbytes for runs in self._segments)
 
 
 @kernel
@@ -87,25 +113,30 @@ def latest_states(
     value: NDArray[np.float32],
     since: int,
     until: int,
+    ages_s: NDArray[np.float32],
+    hold_s: float,
     out_value: NDArray[np.float32],
-    out_last: NDArray[np.int32],
+    out_age_s: NDArray[np.float32],
 ) -> None:
     """Each cell's latest interval that began by scan `until` and was still seen at `since` or later.
 
-    out_value, out_last (n_cells,): its value, and the scan that saw it last   [updated where found]
+    ages_s (n_scans,) seconds from each scan to the moment asked for, 0 for later ones
+    out_value, out_age_s (n_cells,): its value and age, or NaN for an age over `hold_s`   [updated where found]
     """
     for i in range(cells.shape[0]):
         low, high = offsets[i], offsets[i + 1]
         while low < high:
-            middle = (low + high) // 2
-            if first[middle] <= until:
+            middle = (low + high) >> 1
+            if first[np.uint64(middle)] <= until:
                 low = middle + 1
             else:
                 high = middle
-        k = low - 1
-        if k >= offsets[i] and last[k] >= since:
-            out_value[cells[i]] = value[k]
-            out_last[cells[i]] = last[k]
+        k = np.uint64(low - 1)
+        if low > offsets[i] and last[k] >= since:
+            age = ages_s[np.uint64(last[k])]
+            known = age <= hold_s
+            out_value[cells[i]] = value[k] if known else np.float32(np.nan)
+            out_age_s[cells[i]] = age if known else np.float32(np.nan)
 
 
 @kernel

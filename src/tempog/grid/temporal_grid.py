@@ -11,8 +11,8 @@ from tempog._arrays import grown
 from tempog.config import MapConfig, check_gap
 from tempog.errors import ScanError
 from tempog.grid.history import History
-from tempog.grid.intervals import NEVER, extend_or_seal, merge_runs, sort_by_cell
-from tempog.grid.segments import Runs, SegmentStack
+from tempog.grid.intervals import NEVER, extend_or_seal, sort_by_cell
+from tempog.grid.segments import Runs, SegmentStack, join
 from tempog.scans.scan import Scan, scan_period_s
 from tempog.sensing.evidence import Sensor
 from tempog.sensing.grid_spec import GridSpec
@@ -76,6 +76,7 @@ class TemporalGrid(History):
         self._sealed_value = np.empty(0, dtype=np.float32)
         self._n_sealed = 0
         self._segments = SegmentStack()
+        self._open_runs: Runs | None = None  # as asked for since the last scan
 
     def integrate(self, scan: Scan) -> None:
         """Add one scan to the history (Fig. 4).
@@ -98,6 +99,7 @@ class TemporalGrid(History):
         if self._n_scans == SCANS_TO_JUDGE_GAP and not self._gap_judged:
             check_gap(self.config.grid.gap_s, scan_period_s(self.stamps_ns))
         statements = self._sensor.sense(scan, self.tiles, self.surfaces)
+        self._open_runs = None
         self._append_scan(scan)
         self._reserve(len(statements.cells))
         number = self._n_scans - 1
@@ -153,24 +155,23 @@ class TemporalGrid(History):
     def runs(self) -> Iterator[Runs]:
         """All intervals, in sets from oldest to newest; the last set holds the open ones."""
         self._sort_sealed()
-        yield from self._segments.segments
-        used = slice(0, self.tiles.n_cells)
-        cells = np.flatnonzero(self._last[used] != NEVER).astype(np.int32)
-        offsets = np.arange(len(cells) + 1, dtype=np.int64)
-        yield Runs(cells, offsets, self._first[cells], self._last[cells], self._value[cells])
+        yield from self._segments.settled()
+        if self._open_runs is None:
+            used = slice(0, self.tiles.n_cells)
+            cells = np.flatnonzero(self._last[used] != NEVER).astype(np.int32)
+            offsets = np.arange(len(cells) + 1, dtype=np.int64)
+            self._open_runs = Runs(cells, offsets, self._first[cells], self._last[cells], self._value[cells])
+        yield self._open_runs
 
     def all_runs(self) -> Runs:
         """All intervals in one sorted set."""
-        whole, *newer = self.runs()
-        for runs in newer:
-            whole = Runs(*merge_runs(*whole, *runs))
-        return whole
+        return join(list(self.runs()))
 
     def runs_of_cell(self, cell: int) -> list[tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]]:
         """First scans, last scans and values of one cell's intervals, in pieces in time order."""
         self._sort_sealed()
         pieces = []
-        for runs in self._segments.segments:
+        for runs in self._segments.settled():
             where = runs.of_cell(cell)
             pieces.append((runs.first[where], runs.last[where], runs.value[where]))
         if self._last[cell] != NEVER:

@@ -53,11 +53,13 @@ class Sensor:
         self._no_return = NO_RETURN_CODES[self.config.no_return]
         self._prob_hit = np.float32(self.config.prob_hit)
         self._prob_free = np.float32(self.config.prob_free)
+        self._ring_rows, self._ring_cols = ring(self.config.protect_m / self.resolution_m)
         # Cells around the beams' bounds that protection and snapping may mark, and one for rounding.
         self._rim = math.ceil(max(self.config.protect_m, self.config.snap_m) / self.resolution_m) + 1
         self._state = np.empty(0, dtype=np.uint8)
         self._note = np.empty(0, dtype=np.int32)
         self._touched = np.empty(0, dtype=np.int32)
+        self._path = np.empty(0, dtype=np.uint32)
         self._end_x = self._end_y = self._reach = np.empty(0)
         self._is_hit = np.empty(0, dtype=np.bool_)
 
@@ -77,26 +79,30 @@ class Sensor:
         box = self._box
         tiles.cover(box, f"{scan.label or 'the scan'} at {scan.t:.3f} s, pose ({scan.x:g}, {scan.y:g}),")
         n_rows, n_cols = box.row_max - box.row_min + 1, box.col_max - box.col_min + 1
-        window = n_rows * n_cols
+        shift = (n_cols - 1).bit_length()
+        window = n_rows << shift
         if window > len(self._state):
             self._state = np.empty(window, dtype=np.uint8)
             self._note = np.empty(window, dtype=np.int32)
-            self._touched = np.empty(window, dtype=np.int32)
+            self._touched = np.empty(window + 1, dtype=np.int32)
+        if n_rows + n_cols > len(self._path):
+            self._path = np.empty(n_rows + n_cols, dtype=np.uint32)
         self._state[:window] = kernels.UNTOUCHED
-        where = (box.row_min, box.col_min, n_cols, resolution)
+        where = (box.row_min, box.col_min, shift, resolution)
         directory = (tiles.directory, tiles.dir_row0, tiles.dir_col0)
         surfaces.reserve(tiles.n_cells, len(self._is_hit))
         beams = (scan.x, scan.y, self._end_x, self._end_y, self._reach)
         if config.evidence == "literal":
             n_hits = kernels.mark_hits(self._end_x, self._end_y, self._is_hit, *where, self._state, self._touched)
-            n = kernels.free_literal(*beams, *where, self._state, self._touched, n_hits)
+            n = kernels.free_literal(*beams, *where, self._path, self._state, self._touched, n_hits)
         else:
             kernels.protect_surfaces(
                 self._end_x,
                 self._end_y,
                 self._is_hit,
                 *where,
-                config.protect_m,
+                self._ring_rows,
+                self._ring_cols,
                 config.bridge_m,
                 config.collinear_m,
                 self._state,
@@ -124,6 +130,7 @@ class Sensor:
                 surfaces.slot_of_cell,
                 surfaces.hit_count,
                 surfaces.moments,
+                self._path,
                 self._state,
                 self._note,
                 self._touched,
@@ -136,7 +143,7 @@ class Sensor:
             n,
             box.row_min,
             box.col_min,
-            n_cols,
+            shift,
             *directory,
             tiles.tile_rows,
             tiles.tile_cols,
@@ -195,3 +202,18 @@ class Sensor:
             (math.floor(x_min / resolution) - rim) // TILE * TILE,
             (math.floor(x_max / resolution) + rim) // TILE * TILE + TILE - 1,
         )
+
+
+def ring(radius: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Offsets to the cells that lie within `radius`, in cells, of the centre of a cell, itself left out.
+
+    >>> rows, cols = ring(1.0)
+    >>> sorted(zip(rows.tolist(), cols.tolist()))
+    [(-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)]
+    """
+    farthest = math.ceil(radius)
+    offsets = np.arange(-farthest, farthest + 1)
+    nearest = np.maximum(np.abs(offsets) - 0.5, 0)  # from the centre to the near side
+    rows, cols = np.nonzero(np.hypot(nearest[:, None], nearest[None, :]) <= radius)
+    kept = (rows != farthest) | (cols != farthest)
+    return offsets[rows[kept]], offsets[cols[kept]]

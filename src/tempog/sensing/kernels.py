@@ -1,7 +1,8 @@
 """Kernels from beams to evidence. Metres, radians; no validation: `Sensor.sense` has checked and cast.
 
 A scan is worked on in a window: a rectangle of cells that holds all its beams, aligned to tiles, with its
-corner at cell (row0, col0). `state` and `note` have one entry per cell of the window, row by row.
+corner at cell (row0, col0). `state` and `note` have one entry per cell of the window, row by row, and 2**shift
+entries per row, so that an entry's row and column are a shift and a mask away.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ UNTOUCHED = 0
 FREE = 1
 HIT = 2
 PROTECTED = 3
-KNOWN_SURFACE = 4
+SURFACE = 4  # in this scan
+KNOWN_SURFACE = 5  # from earlier scans
 
 # Settings of `no_return` as integers.
 NEVER = 0
@@ -105,7 +107,7 @@ def mark_hits(
     is_hit: NDArray[np.bool_],
     row0: int,
     col0: int,
-    n_cols: int,
+    shift: int,
     resolution: float,
     state: NDArray[np.uint8],
     touched: NDArray[np.int32],
@@ -116,7 +118,7 @@ def mark_hits(
         if is_hit[i]:
             row = math.floor(end_y[i] / resolution) - row0
             col = math.floor(end_x[i] / resolution) - col0
-            k = row * n_cols + col
+            k = (row << shift) + col
             if state[k] != HIT:
                 state[k] = HIT
                 touched[n] = k
@@ -131,7 +133,7 @@ def mark_hits_at_surfaces(
     is_hit: NDArray[np.bool_],
     row0: int,
     col0: int,
-    n_cols: int,
+    shift: int,
     resolution: float,
     snap: float,
     min_hits: int,
@@ -169,7 +171,7 @@ def mark_hits_at_surfaces(
                     slot = slot_of_cell[tile * 64 + (r & 7) * 8 + (c & 7)]
                     if slot >= 0 and hit_count[slot] >= best:
                         best, best_row, best_col = hit_count[slot], r, c
-        k = (best_row - row0) * n_cols + best_col - col0
+        k = ((best_row - row0) << shift) + best_col - col0
         if state[k] != HIT:
             state[k] = HIT
             touched[n] = k
@@ -184,20 +186,22 @@ def protect_surfaces(
     is_hit: NDArray[np.bool_],
     row0: int,
     col0: int,
-    n_cols: int,
+    shift: int,
     resolution: float,
-    protect: float,
+    ring_rows: NDArray[np.int64],
+    ring_cols: NDArray[np.int64],
     bridge: float,
     collinear: float,
     state: NDArray[np.uint8],
 ) -> None:
-    """Mark the cells within `protect` of the surfaces in this scan.
+    """Mark the cells around the surfaces in this scan, so that none of them is called free.
 
     Surfaces are the hits, and the line between neighbouring hits that are at most `bridge` apart and have
     the hit before or after them within `collinear` of their line.
+
+    ring_rows, ring_cols (n_ring,) cells to protect around a surface's cell, as offsets from it
     """
     n = end_x.shape[0]
-    ring = math.ceil(protect / resolution)
     step = 0.5 * resolution
     for i in range(n):
         if not is_hit[i]:
@@ -217,16 +221,71 @@ def protect_surfaces(
                     in_line = abs(off) <= collinear * gap
                 if in_line:
                     samples = math.ceil(gap / step)
-        for k in range(samples):
-            x = end_x[i] / resolution - col0 + k / samples * dx / resolution
-            y = end_y[i] / resolution - row0 + k / samples * dy / resolution
-            row, col = int(y), int(x)
-            for r in range(row - ring, row + ring + 1):
-                off_y = max(r - y, y - r - 1, 0.0) * resolution
-                for c in range(col - ring, col + ring + 1):
-                    off_x = max(c - x, x - c - 1, 0.0) * resolution
-                    if off_x * off_x + off_y * off_y <= protect * protect:
-                        state[r * n_cols + c] = PROTECTED
+        for j in range(samples):
+            row = math.floor((end_y[i] + j / samples * dy) / resolution) - row0
+            col = math.floor((end_x[i] + j / samples * dx) / resolution) - col0
+            if state[(row << shift) + col] != SURFACE:
+                state[(row << shift) + col] = SURFACE
+                for m in range(ring_rows.shape[0]):
+                    k = ((row + ring_rows[m]) << shift) + col + ring_cols[m]
+                    if state[k] != SURFACE:
+                        state[k] = PROTECTED
+
+
+@kernel
+def walk(
+    start_x: float,
+    start_y: float,
+    ux: float,
+    uy: float,
+    limit: float,
+    shift: int,
+    resolution: float,
+    path: NDArray[np.uint32],
+) -> int:
+    """The cells that a beam leaves before `limit` metres, in order; returns how many.
+
+    start_x, start_y   where the beam starts, in cells from the window's corner
+    ux, uy             its direction, a unit vector
+    path (n_rows + n_cols or more,) uint32: entries of the window   [written]
+
+    From cell border to cell border as Amanatides and Woo (Eurographics 1987) do, but column by column: which
+    border comes next cannot be predicted, how many rows a column takes nearly can.
+    """
+    next_x, next_y, per_col, per_row = math.inf, math.inf, math.inf, math.inf
+    step_x, step_y = 1, 1 << shift
+    if ux > 0:
+        per_col = resolution / ux
+        next_x = (int(start_x) + 1 - start_x) * per_col
+    elif ux < 0:
+        step_x = -1
+        per_col = -resolution / ux
+        next_x = (start_x - int(start_x)) * per_col
+    if uy > 0:
+        per_row = resolution / uy
+        next_y = (int(start_y) + 1 - start_y) * per_row
+    elif uy < 0:
+        step_y = -(1 << shift)
+        per_row = -resolution / uy
+        next_y = (start_y - int(start_y)) * per_row
+    k = (int(start_y) << shift) + int(start_x)
+    n = 0
+    while next_x <= limit:
+        while next_y < next_x:
+            path[np.uint64(n)] = k  # unsigned: Numba then leaves out the test for negative indices
+            n += 1
+            k += step_y
+            next_y += per_row
+        path[np.uint64(n)] = k
+        n += 1
+        k += step_x
+        next_x += per_col
+    while next_y <= limit:
+        path[np.uint64(n)] = k
+        n += 1
+        k += step_y
+        next_y += per_row
+    return n
 
 
 @kernel
@@ -238,55 +297,31 @@ def free_literal(
     reach: NDArray[np.float64],
     row0: int,
     col0: int,
-    n_cols: int,
+    shift: int,
     resolution: float,
+    path: NDArray[np.uint32],
     state: NDArray[np.uint8],
     touched: NDArray[np.int32],
     n_touched: int,
 ) -> int:
     """State every cell that a beam leaves before its end as free; returns the new `n_touched`.
 
-    The walk from cell border to cell border is that of Amanatides and Woo (Eurographics 1987).
+    touched needs room for one entry more than the window has cells.
     """
     n = n_touched
     start_x, start_y = x / resolution - col0, y / resolution - row0
-    start = int(start_y) * n_cols + int(start_x)
     for i in range(end_x.shape[0]):
         length = reach[i]
         if length <= 0:
             continue
         ux, uy = (end_x[i] - x) / length, (end_y[i] - y) / length
-        next_x, next_y, per_col, per_row = math.inf, math.inf, math.inf, math.inf
-        step_x, step_y = 1, n_cols
-        if ux > 0:
-            per_col = resolution / ux
-            next_x = (int(start_x) + 1 - start_x) * per_col
-        elif ux < 0:
-            step_x = -1
-            per_col = -resolution / ux
-            next_x = (start_x - int(start_x)) * per_col
-        if uy > 0:
-            per_row = resolution / uy
-            next_y = (int(start_y) + 1 - start_y) * per_row
-        elif uy < 0:
-            step_y = -n_cols
-            per_row = -resolution / uy
-            next_y = (start_y - int(start_y)) * per_row
-        k = start
-        while True:
-            leaves = min(next_x, next_y)
-            if leaves > length:
-                break
-            if state[k] == UNTOUCHED:
-                state[k] = FREE
-                touched[n] = k
-                n += 1
-            if next_x < next_y:
-                k += step_x
-                next_x += per_col
-            else:
-                k += step_y
-                next_y += per_row
+        n_crossed = walk(start_x, start_y, ux, uy, length, shift, resolution, path)
+        for j in range(n_crossed):
+            k = path[np.uint64(j)]
+            # Without a branch: whether another beam was here before cannot be predicted either.
+            touched[np.uint64(n)] = k
+            n += state[k] == UNTOUCHED
+            state[k] = max(state[k], FREE)
     return n
 
 
@@ -300,7 +335,7 @@ def free_surface(
     is_hit: NDArray[np.bool_],
     row0: int,
     col0: int,
-    n_cols: int,
+    shift: int,
     resolution: float,
     margin: float,
     min_hits: int,
@@ -310,6 +345,7 @@ def free_surface(
     slot_of_cell: NDArray[np.int32],
     hit_count: NDArray[np.int32],
     moments: NDArray[np.float32],
+    path: NDArray[np.uint32],
     state: NDArray[np.uint8],
     note: NDArray[np.int32],
     touched: NDArray[np.int32],
@@ -317,44 +353,26 @@ def free_surface(
 ) -> int:
     """As `free_literal`, but free only what is surely clear; returns the new `n_touched`.
 
-    A cell is left out where a surface is near in this scan (state PROTECTED), and where the beam leaves it
+    A cell is left out where a surface is near in this scan (SURFACE, PROTECTED), and where the beam leaves it
     less than `margin` before its end. A cell with at least `min_hits` hit points in its past holds a known
     surface: only a beam that crosses the line through those points, within their extent, and ends at least
     `margin` behind it, finds the surface gone. `note` keeps the surface's slot for the window's cell.
     """
+    mask = (1 << shift) - 1
     n = n_touched
     start_x, start_y = x / resolution - col0, y / resolution - row0
-    start = int(start_y) * n_cols + int(start_x)
     for i in range(end_x.shape[0]):
         if reach[i] <= 0:
             continue
         length = reach[i]
         limit = length - margin if is_hit[i] else length
         ux, uy = (end_x[i] - x) / length, (end_y[i] - y) / length
-        next_x, next_y, per_col, per_row = math.inf, math.inf, math.inf, math.inf
-        step_x, step_y = 1, n_cols
-        if ux > 0:
-            per_col = resolution / ux
-            next_x = (int(start_x) + 1 - start_x) * per_col
-        elif ux < 0:
-            step_x = -1
-            per_col = -resolution / ux
-            next_x = (start_x - int(start_x)) * per_col
-        if uy > 0:
-            per_row = resolution / uy
-            next_y = (int(start_y) + 1 - start_y) * per_row
-        elif uy < 0:
-            step_y = -n_cols
-            per_row = -resolution / uy
-            next_y = (start_y - int(start_y)) * per_row
-        k = start
-        while True:
-            leaves = min(next_x, next_y)
-            if leaves > limit:
-                break
+        n_crossed = walk(start_x, start_y, ux, uy, limit, shift, resolution, path)
+        for j in range(n_crossed):
+            k = path[np.uint64(j)]
             here = state[k]
             if here == UNTOUCHED:
-                row, col = k // n_cols + row0, k % n_cols + col0
+                row, col = (k >> shift) + row0, (k & mask) + col0
                 tile = directory[(row >> 3) - dir_row0, (col >> 3) - dir_col0]
                 slot = -1
                 if tile >= 0:
@@ -386,8 +404,8 @@ def free_surface(
                     ex, ey = -uy, ux
                 crossing = ux * ey - uy * ex
                 if abs(crossing) >= MIN_CROSSING_SINE:
-                    px = (k % n_cols + col0 + 0.5) * resolution + moments[slot, 0] - x
-                    py = (k // n_cols + row0 + 0.5) * resolution + moments[slot, 1] - y
+                    px = ((k & mask) + col0 + 0.5) * resolution + moments[slot, 0] - x
+                    py = ((k >> shift) + row0 + 0.5) * resolution + moments[slot, 1] - y
                     at_beam = (px * ey - py * ex) / crossing
                     at_line = (px * uy - py * ux) / crossing
                     if (
@@ -398,12 +416,6 @@ def free_surface(
                         state[k] = FREE
                         touched[n] = k
                         n += 1
-            if next_x < next_y:
-                k += step_x
-                next_x += per_col
-            else:
-                k += step_y
-                next_y += per_row
     return n
 
 
@@ -413,7 +425,7 @@ def number_cells(
     n_touched: int,
     row0: int,
     col0: int,
-    n_cols: int,
+    shift: int,
     directory: NDArray[np.int32],
     dir_row0: int,
     dir_col0: int,
@@ -427,8 +439,9 @@ def number_cells(
     cells (n_touched or more,) int32   [written]
     directory, tile_rows, tile_cols    [updated]; room for one new tile per tile of the window
     """
+    mask = (1 << shift) - 1
     for i in range(n_touched):
-        row, col = touched[i] // n_cols + row0, touched[i] % n_cols + col0
+        row, col = (touched[i] >> shift) + row0, (touched[i] & mask) + col0
         r, c = (row >> 3) - dir_row0, (col >> 3) - dir_col0
         tile = directory[r, c]
         if tile < 0:

@@ -1,0 +1,620 @@
+"""Maps on disk: all of a map or nothing, nothing else touched, and damage told as damage."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from tempog.analysis.dynamics import map_dynamics
+from tempog.analysis.occupancy import occupancy_grid
+from tempog.analysis.static import static_map
+from tempog.config import GridConfig, MapConfig, SensingConfig
+from tempog.errors import MapError, TimeError
+from tempog.grid.temporal_grid import TemporalGrid
+from tempog.scans.scan import Scan, ScanLog
+from tempog.store import map_directory
+from tempog.store.map_directory import hash_file, open_map, save_map
+
+TABLES = ["scans", "tiles", "intervals", "surfaces"]
+FILES = ["map.json", *(f"{name}.parquet" for name in TABLES)]
+
+
+def small_grid(n_scans: int = 12, distance: float = 2.0) -> TemporalGrid:
+    """A door that opens and closes, seen from a robot that drives."""
+    grid = TemporalGrid(MapConfig(SensingConfig(max_range_m=6.0), GridConfig(0.1, gap_s=2.0, tolerance=0.3)))
+    for k in range(n_scans):
+        ranges = np.linspace(1, distance + (k % 3), 15)
+        grid.integrate(Scan(100 + 0.3 * k, (0.1 * k + 0.03, 0.02, 0.1), np.linspace(-1, 1, 15), ranges))
+    return grid
+
+
+@pytest.fixture
+def saved(tmp_path):
+    """Path of a saved map."""
+    return save_map(small_grid(), tmp_path / "map")
+
+
+def data_of(path):
+    (data,) = path.glob("data-*")
+    return data
+
+
+def file_of(path, name):
+    return path / name if name == "map.json" else data_of(path) / name
+
+
+def contents(folder) -> dict:
+    """Every file below a folder and what it holds."""
+    return {
+        str(file.relative_to(folder)): file.read_bytes() if file.is_file() else None
+        for file in sorted(folder.rglob("*"))
+    }
+
+
+def ask_everything(path) -> list:
+    saved = open_map(path)
+    answers = [saved.n_scans, saved.n_intervals, saved.n_cells, *saved.at("+1", hold=5.0)]
+    answers += [map_dynamics(saved), static_map(saved), occupancy_grid(saved), *saved.changes("+0", "+3")]
+    answers += [list(saved.history(1.5, 0.05)), list(open_map(path).history(1.5, 0.05))]
+    answers += [saved.surfaces.moments, saved.poses, saved.window("+1", "+2").n_intervals, saved.bytes_on_disk]
+    return answers
+
+
+def edit_manifest(path, **changes) -> None:
+    manifest = json.loads((path / "map.json").read_text()) | changes
+    (path / "map.json").write_text(json.dumps(manifest))
+
+
+def edit_table(path, name, edit) -> None:
+    file = data_of(path) / f"{name}.parquet"
+    pq.write_table(edit(pq.read_table(file)), file)
+
+
+# Round trips; properties hold many more.
+
+
+def test_a_saved_map_answers_what_the_grid_answers(saved):
+    grid, opened = small_grid(), open_map(saved)
+    assert opened.config == grid.config
+    assert (opened.n_scans, opened.n_intervals, opened.n_cells) == (
+        grid.n_scans,
+        grid.n_intervals,
+        grid.n_cells,
+    )
+    np.testing.assert_array_equal(opened.at("+2").value, grid.at("+2").value)
+    np.testing.assert_array_equal(opened.poses, grid.poses)
+    np.testing.assert_array_equal(map_dynamics(opened), map_dynamics(grid))
+
+
+def test_a_grid_without_scans_is_saved_and_opened(tmp_path):
+    opened = open_map(save_map(TemporalGrid(), tmp_path / "map"))
+    assert (opened.n_scans, opened.n_intervals, opened.n_cells) == (0, 0, 0)
+    assert len(opened.history(0.0, 0.0)) == 0
+    assert map_dynamics(opened).shape == (0, 0)
+    with pytest.raises(TimeError, match="no scans yet"):
+        opened.at(0.0)
+
+
+def test_a_map_whose_scans_said_nothing_is_saved_and_opened(tmp_path):
+    grid = TemporalGrid()
+    grid.integrate(Scan(5.0, (0, 0, 0), [0.0], [math.nan]))
+    opened = open_map(save_map(grid, tmp_path / "map"))
+    assert (opened.n_scans, opened.n_intervals) == (1, 0)
+    assert opened.at(5.0).value.shape == (0, 0)
+
+
+def test_a_map_can_be_saved_while_mapping_goes_on(tmp_path):
+    grid = small_grid(6)
+    save_map(grid, tmp_path / "map")
+    grid.integrate(Scan(110.0, (0.0, 0.0, 0.0), [0.0], [1.0]))
+    assert grid.n_scans == 7
+    assert open_map(tmp_path / "map").n_scans == 6
+
+
+def test_a_map_with_a_stray_hit_in_an_unseen_tile_can_be_opened(tmp_path):
+    grid = TemporalGrid()
+    for k, x in enumerate([1.18] * 8 + [1.21]):  # the last falls into a tile that nobody saw
+        grid.integrate(Scan(0.1 * k, (0.01, 0.02, 0.0), [0.0], [x - 0.01]))
+    surfaces = open_map(save_map(grid, tmp_path / "map")).surfaces
+    assert sorted(surfaces.hit_count.tolist()) == [1, 8]
+
+
+def test_the_manifest_tells_what_the_map_holds(saved):
+    grid, manifest = small_grid(), open_map(saved).manifest
+    assert manifest["n_scans"] == grid.n_scans
+    assert manifest["n_intervals"] == grid.n_intervals
+    assert manifest["n_cells"] == grid.n_cells
+    assert (manifest["start_ns"], manifest["stop_ns"]) == (grid.stamps_ns[0], grid.stamps_ns[-1])
+    assert MapConfig.from_dict(manifest["config"]) == grid.config
+
+
+def test_sources_are_kept_with_their_hashes_and_notes(tmp_path):
+    file = tmp_path / "a.log"
+    file.write_text("the log")
+    log = ScanLog([Scan(0.0, (0, 0, 0), [], [])], str(file), "CARMEN", ("mended",), 3)
+    opened = open_map(save_map(small_grid(), tmp_path / "map", sources=[log]))
+    assert opened.manifest["sources"] == [
+        {
+            "path": str(file),
+            "sha256": hash_file(file),
+            "format": "CARMEN",
+            "n_scans": 1,
+            "n_skipped": 3,
+            "notes": ["mended"],
+        }
+    ]
+
+
+def test_bytes_on_disk_are_those_of_all_files(saved):
+    assert open_map(saved).bytes_on_disk == sum(len(content or b"") for content in contents(saved).values())
+
+
+def test_the_tables_are_as_the_format_says(saved):
+    columns = {name: pq.read_schema(data_of(saved) / f"{name}.parquet") for name in TABLES}
+    assert {name: dict(zip(s.names, map(str, s.types), strict=True)) for name, s in columns.items()} == {
+        "scans": {"stamp_ns": "int64", "x": "double", "y": "double", "theta": "double"},
+        "tiles": {"row": "int32", "col": "int32"},
+        "intervals": {"cell": "int32", "first_scan": "int32", "span": "int32", "prob": "float"},
+        "surfaces": {"cell": "int32", "hits": "int32"}
+        | dict.fromkeys(["mean_x", "mean_y", "cov_xx", "cov_xy", "cov_yy"], "float"),
+    }
+
+
+# Reading no more than needed.
+
+
+@pytest.fixture
+def groups_read(monkeypatch):
+    """Numbers of the row groups that were read."""
+    read = []
+    original = pq.ParquetFile.read_row_groups
+
+    def read_row_groups(self, groups, *args, **kwargs):
+        read.extend(groups)
+        return original(self, groups, *args, **kwargs)
+
+    monkeypatch.setattr(pq.ParquetFile, "read_row_groups", read_row_groups)
+    return read
+
+
+def test_a_cells_history_is_read_from_the_row_groups_that_hold_it(tmp_path, monkeypatch, groups_read):
+    monkeypatch.setattr(map_directory, "ROWS_PER_GROUP", 10)
+    grid = small_grid()
+    path = save_map(grid, tmp_path / "map")
+    n_groups = pq.ParquetFile(data_of(path) / "intervals.parquet").num_row_groups
+    assert n_groups > 20
+    for row, col in [(0, 5), (3, 10), (-5, 12)]:
+        groups_read.clear()
+        x, y = (col + 0.5) * 0.1, (row + 0.5) * 0.1
+        assert list(open_map(path).history(x, y)) == list(grid.history(x, y))
+        assert 0 < len(grid.history(x, y)) <= 10
+        assert 1 <= len(groups_read) <= 2
+
+
+def test_a_place_outside_the_map_is_answered_without_reading_intervals(saved, groups_read):
+    opened = open_map(saved)
+    (data_of(saved) / "intervals.parquet").unlink()
+    assert len(opened.history(900.0, 0.0)) == 0
+    assert groups_read == []
+
+
+def test_opening_reads_no_intervals(saved):
+    (data_of(saved) / "intervals.parquet").unlink()
+    assert open_map(saved).n_scans == 12
+
+
+def test_after_all_intervals_were_read_a_history_needs_no_file(saved, groups_read):
+    opened = open_map(saved)
+    expected = list(open_map(saved).history(1.5, 0.05))
+    assert opened.n_intervals > 0
+    groups_read.clear()
+    assert list(opened.history(1.5, 0.05)) == expected
+    assert groups_read == []
+
+
+# Writing: what is there already.
+
+
+def test_an_existing_map_is_not_overwritten_without_force(saved, tmp_path):
+    before = contents(tmp_path)
+    with pytest.raises(MapError, match=r"exists already; use --force"):
+        save_map(small_grid(5), saved)
+    assert contents(tmp_path) == before
+
+
+def test_force_replaces_a_map(saved, tmp_path):
+    save_map(small_grid(5), saved, force=True)
+    assert open_map(saved).n_scans == 5
+    assert sorted(file.name for file in saved.iterdir()) == [data_of(saved).name, "map.json"]
+    assert [file.name for file in tmp_path.iterdir()] == ["map"]
+
+
+def test_force_makes_a_map_where_there_is_none(tmp_path):
+    assert open_map(save_map(small_grid(5), tmp_path / "map", force=True)).n_scans == 5
+
+
+def test_parent_folders_are_made(tmp_path):
+    assert open_map(save_map(small_grid(5), tmp_path / "a" / "b" / "map")).n_scans == 5
+
+
+def test_force_replaces_a_map_of_a_newer_version(saved):
+    edit_manifest(saved, format_version=99)
+    save_map(small_grid(5), saved, force=True)
+    assert open_map(saved).n_scans == 5
+
+
+def folder_of_photos(target):
+    target.mkdir()
+    (target / "photo.jpg").write_bytes(b"photo")
+
+
+def empty_folder(target):
+    target.mkdir()
+
+
+def plain_file(target):
+    target.write_text("my thesis")
+
+
+def folder_with_another_map_json(target):
+    target.mkdir()
+    (target / "map.json").write_text('{"format": "treasure"}')
+    (target / "data-of-mine").mkdir()
+
+
+def folder_with_a_broken_map_json(target):
+    target.mkdir()
+    (target / "map.json").write_text('{"format": "tem')
+
+
+@pytest.mark.parametrize("force", [False, True])
+@pytest.mark.parametrize(
+    "make",
+    [folder_of_photos, empty_folder, plain_file, folder_with_another_map_json, folder_with_a_broken_map_json],
+)
+def test_what_is_no_map_is_never_touched(tmp_path, make, force):
+    make(tmp_path / "map")
+    before = contents(tmp_path)
+    with pytest.raises(MapError):
+        save_map(small_grid(5), tmp_path / "map", force=force)
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("path", ["", ".", "/"])
+def test_a_map_needs_a_name_of_its_own(path):
+    with pytest.raises(MapError, match="directory of its own"):
+        save_map(small_grid(5), path, force=True)
+
+
+def test_a_map_that_cannot_be_written_is_an_error_of_ours(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(MapError, match="could not be written"):
+        save_map(small_grid(5), tmp_path / "file" / "map")
+
+
+def test_a_source_that_is_gone_is_an_error_of_ours_and_leaves_nothing(tmp_path):
+    log = ScanLog([], str(tmp_path / "gone.log"))
+    with pytest.raises(MapError, match=r"gone\.log"):
+        save_map(small_grid(5), tmp_path / "map", sources=[log])
+    assert list(tmp_path.iterdir()) == []
+
+
+# Writing: crashes on the way.
+
+CRASHES = [OSError("disk full"), pa.ArrowInvalid("bad"), KeyboardInterrupt(), MemoryError()]
+
+
+class Crash:
+    """Takes the place of a function; the call with this number raises, before or after its work."""
+
+    def __init__(self, function, number: int, error: BaseException, after: bool = False) -> None:
+        self.function, self.number, self.error, self.after = function, number, error, after
+        self.n_calls = 0
+
+    def __call__(self, *args, **kwargs):
+        self.n_calls += 1
+        if self.n_calls == self.number and not self.after:
+            raise self.error
+        result = self.function(*args, **kwargs)
+        if self.n_calls == self.number:
+            raise self.error
+        return result
+
+
+def wanted_error(error: BaseException) -> type[BaseException]:
+    return MapError if isinstance(error, OSError | pa.ArrowException) else type(error)
+
+
+@pytest.mark.parametrize("error", CRASHES, ids=lambda error: type(error).__name__)
+@pytest.mark.parametrize("table", [1, 2, 3, 4])
+def test_a_crash_while_writing_a_new_map_leaves_nothing(tmp_path, monkeypatch, table, error):
+    monkeypatch.setattr(map_directory, "_write", Crash(map_directory._write, table, error))
+    with pytest.raises(wanted_error(error)):
+        save_map(small_grid(5), tmp_path / "map")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("error", CRASHES, ids=lambda error: type(error).__name__)
+@pytest.mark.parametrize("table", [1, 2, 3, 4])
+def test_a_crash_while_replacing_a_map_leaves_the_old_one(saved, tmp_path, monkeypatch, table, error):
+    before = contents(tmp_path)
+    monkeypatch.setattr(map_directory, "_write", Crash(map_directory._write, table, error))
+    with pytest.raises(wanted_error(error)):
+        save_map(small_grid(5), saved, force=True)
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
+def test_a_crash_in_the_one_rename_that_counts_leaves_a_whole_map(saved, tmp_path, monkeypatch, after):
+    crash = Crash(Path.replace, 1, KeyboardInterrupt(), after)
+    monkeypatch.setattr(Path, "replace", lambda *paths: crash(*paths))
+    with pytest.raises(KeyboardInterrupt):
+        save_map(small_grid(5), saved, force=True)
+    monkeypatch.undo()
+    assert open_map(saved).n_scans == (5 if after else 12)
+    assert len(ask_everything(saved)) > 0
+
+
+N_SYNCS = 8  # four tables, the manifest, and three folders
+
+
+def crash_in_sync(monkeypatch, number: int) -> None:
+    monkeypatch.setattr(map_directory, "_sync", Crash(map_directory._sync, number, KeyboardInterrupt()))
+
+
+def test_a_map_is_put_on_the_disk_in_as_many_steps_as_are_tested(tmp_path, monkeypatch):
+    crash_in_sync(monkeypatch, 99)
+    save_map(small_grid(5), tmp_path / "map")
+    assert map_directory._sync.n_calls == N_SYNCS
+
+
+@pytest.mark.parametrize("number", range(1, N_SYNCS + 1))
+def test_an_interrupt_at_any_step_of_replacing_leaves_one_whole_map(saved, monkeypatch, number):
+    crash_in_sync(monkeypatch, number)
+    with pytest.raises(KeyboardInterrupt):
+        save_map(small_grid(5), saved, force=True)
+    assert open_map(saved).n_scans in (5, 12)
+    assert len(ask_everything(saved)) > 0
+
+
+@pytest.mark.parametrize("number", range(1, N_SYNCS))
+def test_an_interrupt_at_any_step_before_the_last_leaves_no_debris(saved, tmp_path, monkeypatch, number):
+    crash_in_sync(monkeypatch, number)
+    with pytest.raises(KeyboardInterrupt):
+        save_map(small_grid(5), saved, force=True)
+    assert [file.name for file in tmp_path.iterdir()] == ["map"]
+    assert sorted(file.name.split("-")[0] for file in saved.iterdir()) == ["data", "map.json"]
+
+
+@pytest.mark.parametrize("number", range(1, N_SYNCS + 1))
+def test_an_interrupt_at_any_step_of_a_new_map_leaves_all_of_it_or_nothing(tmp_path, monkeypatch, number):
+    crash_in_sync(monkeypatch, number)
+    with pytest.raises(KeyboardInterrupt):
+        save_map(small_grid(5), tmp_path / "map")
+    left = [file.name for file in tmp_path.iterdir()]
+    assert left in ([], ["map"])
+    assert not left or open_map(tmp_path / "map").n_scans == 5
+
+
+def test_debris_of_an_earlier_crash_is_cleared_by_the_next_save(saved):
+    (saved / "data-12345678").mkdir()
+    (saved / "data-12345678" / "scans.parquet").write_bytes(b"half")
+    save_map(small_grid(5), saved, force=True)
+    assert sorted(file.name for file in saved.iterdir()) == [data_of(saved).name, "map.json"]
+
+
+# Reading: damage is told as damage.
+
+
+def test_a_map_that_is_not_there_is_told_with_how_to_make_one(tmp_path):
+    with pytest.raises(MapError, match=r"no such directory.*tempog map"):
+        open_map(tmp_path / "map")
+
+
+def test_a_folder_that_is_no_map_is_told_so(tmp_path):
+    with pytest.raises(MapError, match=r"holds no map\.json"):
+        open_map(tmp_path)
+
+
+def test_a_file_that_is_no_map_is_told_so(tmp_path):
+    (tmp_path / "log").write_text("FLASER")
+    with pytest.raises(MapError, match="is a file, not a tempog map"):
+        open_map(tmp_path / "log")
+
+
+def test_a_map_of_a_newer_format_says_upgrade(saved):
+    edit_manifest(saved, format_version=2, tempog_version="9.9")
+    with pytest.raises(MapError, match=r"map format 2, written by tempog 9\.9.*Upgrade tempog"):
+        open_map(saved)
+
+
+@pytest.mark.parametrize("version", [None, "1", 0, -1, 1.5, [1]])
+def test_a_format_version_we_do_not_know_is_refused(saved, version):
+    edit_manifest(saved, format_version=version)
+    with pytest.raises(MapError):
+        open_map(saved)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "null", '"text"', "{}", '{"format": "tempog-map"}', "\x00"])
+def test_a_map_json_of_something_else_is_refused(saved, text):
+    (saved / "map.json").write_text(text)
+    with pytest.raises(MapError):
+        open_map(saved)
+
+
+def test_a_map_json_that_is_no_text_is_refused(saved):
+    (saved / "map.json").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(MapError, match=r"map\.json cannot be read"):
+        open_map(saved)
+
+
+@pytest.mark.parametrize("key", ["data", "config", "n_scans", "n_intervals", "n_cells", "sources"])
+@pytest.mark.parametrize("value", [None, 1.5])
+def test_an_unusable_entry_of_map_json_is_named(saved, key, value):
+    edit_manifest(saved, **{key: value})
+    with pytest.raises(MapError, match=rf"damaged: map\.json has no usable '{key}'"):
+        open_map(saved)
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        {"grid": {"resolution_m": 0}},
+        {"grid": {"resolution_m": "0.1"}},
+        {"grid": {"colour": 1}},
+        {"grid": 5},
+        {"grid": None},
+        {"paint": {}},
+        {"sensing": {"max_range_m": 1e9}},
+        {"grid": {"max_cells": 64}},
+    ],
+)
+def test_settings_that_cannot_be_are_told_as_damage(saved, config):
+    edit_manifest(saved, config=config)
+    with pytest.raises(MapError, match="is damaged"):
+        open_map(saved)
+
+
+@pytest.mark.parametrize("data", ["../elsewhere", "/etc", "data-x/..", "..", ".", ""])
+def test_a_data_folder_outside_the_map_is_refused(saved, tmp_path, data):
+    # whole tables lie one folder up and in the map itself, where a map must not look for them
+    for folder in (tmp_path, saved, tmp_path / "elsewhere"):
+        shutil.copytree(data_of(saved), folder, dirs_exist_ok=True)
+    edit_manifest(saved, data=data)
+    with pytest.raises(MapError):
+        open_map(saved)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_missing_file_is_told(saved, name):
+    file_of(saved, name).unlink()
+    with pytest.raises(MapError, match=name.replace(".", r"\.")):
+        ask_everything(saved)
+
+
+@pytest.mark.parametrize("kept", [0, 0.3, 0.99])
+@pytest.mark.parametrize("name", FILES)
+def test_a_truncated_file_is_told(saved, name, kept):
+    file = file_of(saved, name)
+    content = file.read_bytes()
+    file.write_bytes(content[: int(kept * len(content))])
+    with pytest.raises(MapError, match=name.replace(".", r"\.")):
+        ask_everything(saved)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_of_something_else_is_told(saved, name):
+    file_of(saved, name).write_bytes(b"\x93NUMPY" * 500)
+    with pytest.raises(MapError, match=name.replace(".", r"\.")):
+        ask_everything(saved)
+
+
+COLUMNS = {
+    "scans": ["stamp_ns", "x", "y", "theta"],
+    "tiles": ["row", "col"],
+    "intervals": ["cell", "first_scan", "span", "prob"],
+    "surfaces": ["cell", "hits", *map_directory.MOMENTS],
+}
+
+
+@pytest.mark.parametrize(("table", "column"), [(t, column) for t, names in COLUMNS.items() for column in names])
+def test_a_missing_column_is_told(saved, table, column):
+    edit_table(saved, table, lambda whole: whole.drop_columns([column]))
+    with pytest.raises(MapError, match=rf"{table}\.parquet"):
+        ask_everything(saved)
+
+
+@pytest.mark.parametrize("column", COLUMNS["intervals"])
+def test_a_column_missing_from_the_intervals_is_told_by_a_single_cells_history(saved, column):
+    edit_table(saved, "intervals", lambda whole: whole.drop_columns([column]))
+    with pytest.raises(MapError, match=r"intervals\.parquet"):
+        open_map(saved).history(1.5, 0.05)
+
+
+@pytest.mark.parametrize(("table", "column"), [(t, column) for t, names in COLUMNS.items() for column in names])
+def test_a_column_of_another_kind_is_told(saved, table, column):
+    def as_text(whole):
+        place = whole.schema.get_field_index(column)
+        return whole.set_column(place, column, pa.array(["text"] * len(whole)))
+
+    edit_table(saved, table, as_text)
+    with pytest.raises(MapError, match=rf"{table}\.parquet"):
+        ask_everything(saved)
+
+
+@pytest.mark.parametrize(
+    ("table", "column", "value"),
+    [
+        ("intervals", "cell", -1),
+        ("intervals", "cell", 2**30),
+        ("intervals", "first_scan", 12),
+        ("intervals", "first_scan", -1),
+        ("intervals", "span", 2**31 - 1),
+        ("intervals", "span", -1),
+        ("surfaces", "cell", 2**30),
+        ("surfaces", "cell", -1),
+        ("tiles", "row", 2**31 - 1),
+        ("scans", "stamp_ns", -(2**62)),
+    ],
+)
+def test_a_number_that_cannot_be_is_told(saved, table, column, value):
+    def spoil(whole):
+        place = whole.schema.get_field_index(column)
+        numbers = whole.column(column).to_pylist()
+        numbers[-1] = value
+        return whole.set_column(place, column, pa.array(numbers, whole.schema.field(column).type))
+
+    edit_table(saved, table, spoil)
+    with pytest.raises(MapError, match="is damaged"):
+        ask_everything(saved)
+
+
+def test_intervals_out_of_order_are_told(saved):
+    edit_table(saved, "intervals", lambda whole: whole.take(list(range(len(whole)))[::-1]))
+    with pytest.raises(MapError, match="not sorted by cell"):
+        ask_everything(saved)
+
+
+def test_tables_written_by_another_program_are_read(saved):
+    # without the encodings, statistics and compression of ours
+    wanted = list(open_map(saved).history(1.5, 0.05))
+    for name in TABLES:
+        file = data_of(saved) / f"{name}.parquet"
+        pq.write_table(pq.read_table(file), file, write_statistics=False, compression="none")
+    assert list(open_map(saved).history(1.5, 0.05)) == wanted
+    assert len(ask_everything(saved)) > 0
+
+
+@pytest.fixture(scope="module")
+def sound_map(tmp_path_factory):
+    return save_map(small_grid(), tmp_path_factory.mktemp("sound") / "map")
+
+
+@given(st.sampled_from(FILES), st.lists(st.tuples(st.floats(0, 0.999), st.integers(1, 255)), min_size=1, max_size=3))
+@settings(
+    max_examples=300,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+def test_a_map_with_flipped_bits_is_read_or_told_as_damaged(sound_map, tmp_path_factory, name, flips):
+    path = tmp_path_factory.mktemp("flipped") / "map"
+    shutil.copytree(sound_map, path)
+    file = file_of(path, name)
+    content = bytearray(file.read_bytes())
+    for place, mask in flips:
+        content[int(place * len(content))] ^= mask
+    file.write_bytes(bytes(content))
+    with suppress(MapError, TimeError):  # other stamps are no damage that shows, but the questions miss them
+        ask_everything(path)
+    shutil.rmtree(path.parent)

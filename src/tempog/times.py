@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from tempog.errors import TimeError
 Moment = float | int | str | datetime | np.datetime64
 NS_PER_S = 1_000_000_000
 MAX_NS = 2**63 - 1
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 def parse_moment(moment: Moment, start_ns: int) -> int:
@@ -38,14 +39,16 @@ def parse_moment(moment: Moment, start_ns: int) -> int:
     True
     """
     if isinstance(moment, np.datetime64):
-        # NaT is the smallest int64, and falls out of the range check below
-        nanoseconds = int(moment.astype("datetime64[ns]").astype(np.int64))
-        return _in_range(nanoseconds, moment)
+        coarse_us = int(moment.astype("datetime64[us]").astype(np.int64))  # NaT is the smallest int64
+        _in_range(coarse_us * 1000, moment)  # before the finer unit could overflow
+        return _in_range(int(moment.astype("datetime64[ns]").astype(np.int64)), moment)
     if isinstance(moment, datetime):
         aware = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
-        return _in_range(round(aware.timestamp() * NS_PER_S), moment)
+        return _in_range((aware - EPOCH) // timedelta(microseconds=1) * 1000, moment)
     if isinstance(moment, str):
         return _parse_text(moment, start_ns)
+    if isinstance(moment, int):
+        return _in_range(moment * NS_PER_S, moment)
     return _from_seconds(float(moment), moment)
 
 
@@ -57,7 +60,7 @@ def format_moment(stamp_ns: int, start_ns: int) -> str:
     >>> format_moment(12_500_000_000, 0)
     '+12.5 s'
     """
-    offset = f"+{(stamp_ns - start_ns) / NS_PER_S:.1f} s"
+    offset = f"{(stamp_ns - start_ns) / NS_PER_S:+.1f} s"
     if start_ns < 10**8 * NS_PER_S:  # before 1973: a clock that counts from power-on
         return offset
     date = datetime.fromtimestamp(stamp_ns // NS_PER_S, UTC)
@@ -87,7 +90,8 @@ def _parse_text(text: str, start_ns: int) -> int:
 def _from_seconds(seconds: float, shown: object) -> int:
     if not math.isfinite(seconds):
         raise TimeError(f"{shown!r} is not a moment; wanted a finite number of seconds")
-    return _in_range(round(seconds * NS_PER_S), shown)
+    nanoseconds = seconds * NS_PER_S
+    return _in_range(round(nanoseconds) if math.isfinite(nanoseconds) else MAX_NS + 1, shown)
 
 
 def _in_range(nanoseconds: int, shown: object) -> int:

@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from tempog.config import GridConfig, MapConfig, SensingConfig, check_gap, parse_gap
+from tempog.config import MAX_SCAN_CELLS_ACROSS, GridConfig, MapConfig, SensingConfig, check_gap, parse_gap
 from tempog.errors import ConfigError, TempogError
 
 NAN, INF = math.nan, math.inf
@@ -89,12 +89,14 @@ def test_a_choice_is_refused_with_the_choices():
 
 
 def test_a_scan_of_too_many_cells_across_is_refused_with_what_to_do():
-    with pytest.raises(ConfigError, match=r"25000 cells across.*at most 20000.*coarser resolution"):
-        MapConfig(SensingConfig(max_range_m=625.0), GridConfig(resolution_m=0.05))
+    too_far_m = MAX_SCAN_CELLS_ACROSS * 0.5 / 2 + 0.5
+    with pytest.raises(ConfigError, match=rf"cells across.*at most {MAX_SCAN_CELLS_ACROSS}.*coarser resolution"):
+        MapConfig(SensingConfig(max_range_m=too_far_m), GridConfig(resolution_m=0.5))
 
 
 def test_a_scan_of_just_as_many_cells_as_allowed_is_accepted():
-    MapConfig(SensingConfig(max_range_m=500.0), GridConfig(resolution_m=0.05))
+    far_m = MAX_SCAN_CELLS_ACROSS * 0.5 / 2
+    assert MapConfig(SensingConfig(max_range_m=far_m), GridConfig(resolution_m=0.5)).sensing.max_range_m == far_m
 
 
 def test_settings_cannot_be_changed_afterwards():

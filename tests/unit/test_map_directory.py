@@ -175,12 +175,13 @@ def test_the_tables_are_as_the_format_says(saved):
 
 @pytest.fixture
 def groups_read(monkeypatch):
-    """Numbers of the row groups that were read."""
+    """Numbers of the row groups of intervals that were read."""
     read = []
     original = pq.ParquetFile.read_row_groups
 
     def read_row_groups(self, groups, *args, **kwargs):
-        read.extend(groups)
+        if "span" in self.schema_arrow.names:
+            read.extend(groups)
         return original(self, groups, *args, **kwargs)
 
     monkeypatch.setattr(pq.ParquetFile, "read_row_groups", read_row_groups)
@@ -288,6 +289,13 @@ def test_what_is_no_map_is_never_touched(tmp_path, make, force):
     with pytest.raises(MapError):
         save_map(small_grid(5), tmp_path / "map", force=force)
     assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("make", [folder_of_photos, empty_folder, plain_file])
+def test_what_is_no_map_is_not_said_to_be_one_that_force_would_replace(tmp_path, make):
+    make(tmp_path / "map")
+    with pytest.raises(MapError, match="is not a tempog map, so it stays as it is"):
+        save_map(small_grid(5), tmp_path / "map")
 
 
 @pytest.mark.parametrize("path", ["", ".", "/"])

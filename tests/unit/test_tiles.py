@@ -97,10 +97,17 @@ def test_the_bound_counts_the_rectangle_around_everything_covered():
         index.cover(CellBox(0, 7, 80, 80), "a scan")
 
 
-def test_a_refused_cover_changes_nothing():
+def test_what_was_refused_once_is_refused_again():
+    index = index_of([(0, 0)], max_cells=64 * 10)
+    for _ in range(2):
+        with pytest.raises(ExtentError):
+            index.cover(CellBox(0, 7, 0, 800), "a scan")
+
+
+def test_after_a_refusal_as_much_can_be_covered_as_before():
     index = index_of([(0, 0)], max_cells=64 * 10)
     with pytest.raises(ExtentError):
-        index.cover(CellBox(0, 7, 0, 800), "a scan")
+        index.cover(CellBox(0, 7, -800, 0), "a scan")
     index.cover(CellBox(0, 7, 0, 79), "a scan")
     assert index.cell_number(0, 0) == 0
 

@@ -6,6 +6,7 @@ import json
 import sys
 import uuid
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -92,6 +93,18 @@ def track_scans(scans: list[Scan]) -> Iterable[Scan]:
             progress.update(task, completed=len(scans))
 
     return tracked()
+
+
+@contextmanager
+def status(text: str, wanted: bool) -> Iterator[None]:
+    """A spinner with a text on standard error, where it is wanted."""
+    if not wanted:
+        yield
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(text):
+        yield
 
 
 def wants_progress(quiet: bool) -> bool:

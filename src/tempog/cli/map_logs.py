@@ -19,6 +19,7 @@ from tempog.cli._output import (
     duration_text,
     print_json,
     print_note,
+    status,
     track_scans,
     wants_progress,
 )
@@ -101,10 +102,13 @@ def map_logs(
     from tempog.store.map_directory import check_target, open_map, save_map
 
     check_target(path, force)
-    logs = [
-        open_scans(log, clock=clock, skip_bad=skip_bad, laser=laser.value, sensor_max_range=sensor_max_range)
-        for log in inputs
-    ]
+    progress = wants_progress(quiet or json)
+    logs = []
+    for source in inputs:
+        with status(f"reading {source}", progress):
+            logs.append(
+                open_scans(log, clock=clock, skip_bad=skip_bad, laser=laser.value, sensor_max_range=sensor_max_range)
+            )
     if not quiet and not json:
         for log in logs:
             typer.echo(f"{log.source}: {log.format}, {len(log)} scans, {duration_text(log.duration_s)}")
@@ -113,9 +117,10 @@ def map_logs(
         for note in overlaps(logs):
             print_note(note)
     started = time.perf_counter()
-    grid = build_grid(logs, config, gap=gap, track=track_scans if wants_progress(quiet or json) else None)
+    grid = build_grid(logs, config, gap=gap, track=track_scans if progress else None)
     ingest_s = time.perf_counter() - started
-    save_map(grid, path, sources=logs, force=force)
+    with status(f"writing {path}", progress):
+        save_map(grid, path, sources=logs, force=force)
     saved = open_map(path)
     answer: dict[str, Any] = {
         "map": str(path),

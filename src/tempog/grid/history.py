@@ -16,8 +16,8 @@ from tempog.errors import ConfigError, EmptyWindowError, TimeError
 from tempog.grid.segments import Runs, count_overlapping, latest_states
 from tempog.scans.scan import scan_period_s
 from tempog.sensing.grid_spec import Extent
-from tempog.sensing.tiles import NO_CELL, TileIndex
-from tempog.times import NS_PER_S, Moment, format_moment, parse_moment
+from tempog.sensing.tiles import FARTHEST_CELL, NO_CELL, TileIndex
+from tempog.times import MAX_NS, NS_PER_S, Moment, format_moment, parse_moment
 
 OCCUPIED_ABOVE = 0.5  # P(occupied) from which on a cell's state is called occupied
 
@@ -80,7 +80,7 @@ class CellHistory:
     def gaps(self) -> NDArray[np.int64]:
         """``(n_gaps, 2)`` nanoseconds: periods between intervals in which the cell was not seen."""
         periods = np.stack([self.stop_ns[:-1], self.start_ns[1:]], axis=-1)
-        return periods[periods[:, 1] - periods[:, 0] > round(self.gap_s * NS_PER_S)]
+        return periods[periods[:, 1] - periods[:, 0] > min(self.gap_s * NS_PER_S, MAX_NS)]
 
     def at(self, stamp_ns: int) -> float | None:
         """P(occupied) at a moment; None where nothing was observed (a null interval in the paper's Fig. 1)."""
@@ -243,7 +243,7 @@ class History(ABC):
         Intervals that reach over the period's borders are given whole.
         """
         cell = NO_CELL
-        if math.isfinite(x) and math.isfinite(y):
+        if max(abs(x), abs(y)) < FARTHEST_CELL * self.tiles.spec.resolution_m:  # false for NaN, too
             cell = self.tiles.cell_number(*self.tiles.spec.cell_of(x, y))
         pieces = self.runs_of_cell(cell) if cell != NO_CELL else []
         first = np.concatenate([piece[0] for piece in pieces] or [np.empty(0, np.int32)])
@@ -293,10 +293,12 @@ class History(ABC):
         until = min(self.last_scan, int(np.searchsorted(stamps, stamp_ns, side="right")) - 1)
         value, age_s = (np.full(self.tiles.n_cells, np.nan, dtype=np.float32) for _ in range(2))
         if until >= self.first_scan:
+            hold_ns = min(hold_s * NS_PER_S, MAX_NS)
+            oldest = int(np.searchsorted(stamps, max(stamp_ns - round(hold_ns), -MAX_NS), side="left"))
             # An interval that goes on after the moment counts as seen just then.
             ages_s = (np.maximum(stamp_ns - stamps, 0) / NS_PER_S).astype(np.float32)
             for runs in self.runs():
-                latest_states(*runs, self.first_scan, until, ages_s, hold_s, value, age_s)
+                latest_states(*runs, self.first_scan, until, oldest, ages_s, value, age_s)
         return value, age_s
 
     def _require_scans(self) -> None:

@@ -113,15 +113,16 @@ def latest_states(
     value: NDArray[np.float32],
     since: int,
     until: int,
+    oldest: int,
     ages_s: NDArray[np.float32],
-    hold_s: float,
     out_value: NDArray[np.float32],
     out_age_s: NDArray[np.float32],
 ) -> None:
     """Each cell's latest interval that began by scan `until` and was still seen at `since` or later.
 
+    oldest            the scan from which on a last look is recent enough; the state of others is unknown
     ages_s (n_scans,) seconds from each scan to the moment asked for, 0 for later ones
-    out_value, out_age_s (n_cells,): its value and age, or NaN for an age over `hold_s`   [updated where found]
+    out_value, out_age_s (n_cells,): its value and age, or NaN   [updated where found]
     """
     for i in range(cells.shape[0]):
         low, high = offsets[i], offsets[i + 1]
@@ -133,10 +134,9 @@ def latest_states(
                 high = middle
         k = np.uint64(low - 1)
         if low > offsets[i] and last[k] >= since:
-            age = ages_s[np.uint64(last[k])]
-            known = age <= hold_s
+            known = last[k] >= oldest
             out_value[cells[i]] = value[k] if known else np.float32(np.nan)
-            out_age_s[cells[i]] = age if known else np.float32(np.nan)
+            out_age_s[cells[i]] = ages_s[np.uint64(last[k])] if known else np.float32(np.nan)
 
 
 @kernel

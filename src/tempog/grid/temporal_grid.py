@@ -18,7 +18,7 @@ from tempog.sensing.evidence import Sensor
 from tempog.sensing.grid_spec import GridSpec
 from tempog.sensing.surfaces import SurfaceMemory
 from tempog.sensing.tiles import TileIndex
-from tempog.times import NS_PER_S
+from tempog.times import MAX_NS, NS_PER_S
 
 SEALED_BUFFER = 2**19  # intervals; 8 MB are sorted into a segment at a time, in some milliseconds
 SCANS_TO_JUDGE_GAP = 10  # enough steps for a median
@@ -59,7 +59,7 @@ class TemporalGrid(History):
         self.tiles = TileIndex(GridSpec(self.config.grid.resolution_m), self.config.grid.max_cells)
         self.surfaces = SurfaceMemory()
         self._sensor = Sensor(self.config)
-        self._gap_ns = round(self.config.grid.gap_s * NS_PER_S)
+        self._gap_ns = round(min(self.config.grid.gap_s * NS_PER_S, MAX_NS))
         self._tolerance = np.float32(self.config.grid.tolerance)
         self._stamps_ns = np.empty(0, dtype=np.int64)
         self._poses = np.empty((0, 3))
@@ -103,7 +103,7 @@ class TemporalGrid(History):
         self._append_scan(scan)
         self._reserve(len(statements.cells))
         number = self._n_scans - 1
-        oldest = int(np.searchsorted(self.stamps_ns, scan.stamp_ns - self._gap_ns, side="left"))
+        oldest = int(np.searchsorted(self.stamps_ns, max(scan.stamp_ns - self._gap_ns, -MAX_NS), side="left"))
         self._n_sealed = extend_or_seal(
             *statements,
             number,

@@ -18,10 +18,9 @@ from tempog.errors import ExtentError
 from tempog.scans.scan import Scan
 from tempog.sensing import kernels
 from tempog.sensing.surfaces import SurfaceMemory
-from tempog.sensing.tiles import TILE, TILE_CELLS, CellBox, TileIndex
+from tempog.sensing.tiles import FARTHEST_CELL, TILE, TILE_CELLS, CellBox, TileIndex
 
 NO_RETURN_CODES = {"never": kernels.NEVER, "always": kernels.ALWAYS, "neighbours": kernels.NEIGHBOURS}
-FARTHEST_CELL = 2**30  # cells from the origin; row and col stay int32 with room to spare
 
 
 class Statements(NamedTuple):
@@ -53,7 +52,6 @@ class Sensor:
         self._no_return = NO_RETURN_CODES[self.config.no_return]
         self._prob_hit = np.float32(self.config.prob_hit)
         self._prob_free = np.float32(self.config.prob_free)
-        self._ring_rows, self._ring_cols = ring(self.config.protect_m / self.resolution_m)
         # Cells around the beams' bounds that protection and snapping may mark, and one for rounding.
         self._rim = math.ceil(max(self.config.protect_m, self.config.snap_m) / self.resolution_m) + 1
         self._state = np.empty(0, dtype=np.uint8)
@@ -90,7 +88,7 @@ class Sensor:
         self._state[:window] = kernels.UNTOUCHED
         where = (box.row_min, box.col_min, shift, resolution)
         directory = (tiles.directory, tiles.dir_row0, tiles.dir_col0)
-        surfaces.reserve(tiles.n_cells, len(self._is_hit))
+        surfaces.reserve(tiles.n_cells, 0)
         beams = (scan.x, scan.y, self._end_x, self._end_y, self._reach)
         if config.evidence == "literal":
             n_hits = kernels.mark_hits(self._end_x, self._end_y, self._is_hit, *where, self._state, self._touched)
@@ -101,8 +99,7 @@ class Sensor:
                 self._end_y,
                 self._is_hit,
                 *where,
-                self._ring_rows,
-                self._ring_cols,
+                config.protect_m,
                 config.bridge_m,
                 config.collinear_m,
                 self._state,
@@ -136,7 +133,7 @@ class Sensor:
                 self._touched,
                 n_hits,
             )
-        tiles.reserve(min(n, window // TILE_CELLS))
+        tiles.reserve(window // TILE_CELLS)
         cells = np.empty(n, dtype=np.int32)
         tiles.n_tiles = kernels.number_cells(
             self._touched,
@@ -150,7 +147,18 @@ class Sensor:
             tiles.n_tiles,
             cells,
         )
-        surfaces.reserve(tiles.n_cells, n_hits)
+        # A stray hit counts for another cell, but is remembered where it fell.
+        tiles.n_tiles = kernels.claim_tiles_of_hits(
+            self._end_x,
+            self._end_y,
+            self._is_hit,
+            resolution,
+            *directory,
+            tiles.tile_rows,
+            tiles.tile_cols,
+            tiles.n_tiles,
+        )
+        surfaces.reserve(tiles.n_cells, len(self._is_hit))
         surfaces.n_slots = kernels.add_hit_points(
             self._end_x,
             self._end_y,
@@ -202,18 +210,3 @@ class Sensor:
             (math.floor(x_min / resolution) - rim) // TILE * TILE,
             (math.floor(x_max / resolution) + rim) // TILE * TILE + TILE - 1,
         )
-
-
-def ring(radius: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Offsets to the cells that lie within `radius`, in cells, of the centre of a cell, itself left out.
-
-    >>> rows, cols = ring(1.0)
-    >>> sorted(zip(rows.tolist(), cols.tolist()))
-    [(-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)]
-    """
-    farthest = math.ceil(radius)
-    offsets = np.arange(-farthest, farthest + 1)
-    nearest = np.maximum(np.abs(offsets) - 0.5, 0)  # from the centre to the near side
-    rows, cols = np.nonzero(np.hypot(nearest[:, None], nearest[None, :]) <= radius)
-    kept = (rows != farthest) | (cols != farthest)
-    return offsets[rows[kept]], offsets[cols[kept]]

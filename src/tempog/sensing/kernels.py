@@ -19,8 +19,7 @@ UNTOUCHED = 0
 FREE = 1
 HIT = 2
 PROTECTED = 3
-SURFACE = 4  # in this scan
-KNOWN_SURFACE = 5  # from earlier scans
+KNOWN_SURFACE = 4
 
 # Settings of `no_return` as integers.
 NEVER = 0
@@ -188,20 +187,19 @@ def protect_surfaces(
     col0: int,
     shift: int,
     resolution: float,
-    ring_rows: NDArray[np.int64],
-    ring_cols: NDArray[np.int64],
+    protect: float,
     bridge: float,
     collinear: float,
     state: NDArray[np.uint8],
 ) -> None:
-    """Mark the cells around the surfaces in this scan, so that none of them is called free.
+    """Mark the cells within `protect` of the surfaces in this scan, so that none of them is called free.
 
     Surfaces are the hits, and the line between neighbouring hits that are at most `bridge` apart and have
     the hit before or after them within `collinear` of their line.
-
-    ring_rows, ring_cols (n_ring,) cells to protect around a surface's cell, as offsets from it
     """
     n = end_x.shape[0]
+    radius = protect / resolution
+    ring = math.ceil(radius)
     step = 0.5 * resolution
     for i in range(n):
         if not is_hit[i]:
@@ -222,14 +220,16 @@ def protect_surfaces(
                 if in_line:
                     samples = math.ceil(gap / step)
         for j in range(samples):
-            row = math.floor((end_y[i] + j / samples * dy) / resolution) - row0
-            col = math.floor((end_x[i] + j / samples * dx) / resolution) - col0
-            if state[(row << shift) + col] != SURFACE:
-                state[(row << shift) + col] = SURFACE
-                for m in range(ring_rows.shape[0]):
-                    k = ((row + ring_rows[m]) << shift) + col + ring_cols[m]
-                    if state[k] != SURFACE:
-                        state[k] = PROTECTED
+            x = (end_x[i] + j / samples * dx) / resolution - col0
+            y = (end_y[i] + j / samples * dy) / resolution - row0
+            row, col = int(y), int(x)
+            for r in range(row - ring, row + ring + 1):
+                for c in range(col - ring, col + ring + 1):
+                    k = np.uint64((r << shift) + c)
+                    if state[k] == UNTOUCHED:  # rarely: successive hits lie close together
+                        off_x, off_y = max(c - x, x - c - 1, 0.0), max(r - y, y - r - 1, 0.0)
+                        if off_x * off_x + off_y * off_y <= radius * radius:
+                            state[k] = PROTECTED
 
 
 @kernel
@@ -353,7 +353,7 @@ def free_surface(
 ) -> int:
     """As `free_literal`, but free only what is surely clear; returns the new `n_touched`.
 
-    A cell is left out where a surface is near in this scan (SURFACE, PROTECTED), and where the beam leaves it
+    A cell is left out where a surface is near in this scan (state PROTECTED), and where the beam leaves it
     less than `margin` before its end. A cell with at least `min_hits` hit points in its past holds a known
     surface: only a beam that crosses the line through those points, within their extent, and ends at least
     `margin` behind it, finds the surface gone. `note` keeps the surface's slot for the window's cell.
@@ -451,6 +451,31 @@ def number_cells(
             tile_cols[n_tiles] = col >> 3
             n_tiles += 1
         cells[i] = tile * 64 + (row & 7) * 8 + (col & 7)
+    return n_tiles
+
+
+@kernel
+def claim_tiles_of_hits(
+    end_x: NDArray[np.float64],
+    end_y: NDArray[np.float64],
+    is_hit: NDArray[np.bool_],
+    resolution: float,
+    directory: NDArray[np.int32],
+    dir_row0: int,
+    dir_col0: int,
+    tile_rows: NDArray[np.int32],
+    tile_cols: NDArray[np.int32],
+    n_tiles: int,
+) -> int:
+    """See that every hit has a tile, stated or not; returns the new `n_tiles`. As `number_cells`."""
+    for i in range(end_x.shape[0]):
+        if is_hit[i]:
+            tile_row = math.floor(end_y[i] / resolution) >> 3
+            tile_col = math.floor(end_x[i] / resolution) >> 3
+            if directory[tile_row - dir_row0, tile_col - dir_col0] < 0:
+                directory[tile_row - dir_row0, tile_col - dir_col0] = n_tiles
+                tile_rows[n_tiles], tile_cols[n_tiles] = tile_row, tile_col
+                n_tiles += 1
     return n_tiles
 
 

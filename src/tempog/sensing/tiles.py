@@ -23,6 +23,7 @@ TILE = 1 << TILE_BITS  # cells along one side
 TILE_CELLS = TILE * TILE
 NO_TILE = -1
 NO_CELL = -1
+FARTHEST_CELL = 2**30  # cells from the origin; row and col stay int32 with room to spare
 
 
 class CellBox(NamedTuple):

@@ -47,6 +47,12 @@ ROWS_PER_GROUP = 2**18  # a cell's history is read from one or two groups of abo
 ZSTD_LEVEL = 9  # 1.5 bytes per interval on a real log against 1.6 at level 3; writing is a small part of mapping
 
 MOMENTS = ("mean_x", "mean_y", "cov_xx", "cov_xy", "cov_yy")
+TABLES = {
+    "scans": {"stamp_ns": pa.int64(), "x": pa.float64(), "y": pa.float64(), "theta": pa.float64()},
+    "tiles": {"row": pa.int32(), "col": pa.int32()},
+    "intervals": {"cell": pa.int32(), "first_scan": pa.int32(), "span": pa.int32(), "prob": pa.float32()},
+    "surfaces": {"cell": pa.int32(), "hits": pa.int32()} | dict.fromkeys(MOMENTS, pa.float32()),
+}
 
 
 def save_map(
@@ -83,16 +89,24 @@ def save_map(
         _write_manifest(folder, _manifest(grid, data.name, sources))
         if not replaces:
             folder.rename(root)
-    except BaseException as error:
-        shutil.rmtree(data if replaces else folder, ignore_errors=True)
-        if isinstance(error, OSError | pa.ArrowException):
-            raise MapError(f"{root}: the map could not be written: {error}") from error
-        raise
-    _sync(root.parent)
-    for old in root.glob("data-*"):
-        if old.name != data.name:
-            shutil.rmtree(old, ignore_errors=True)
+        _sync(root.parent)
+    except (OSError, pa.ArrowException) as error:
+        raise MapError(f"{root}: the map could not be written: {error}") from error
+    finally:
+        if replaces:
+            _clear_debris(root)
+        else:
+            shutil.rmtree(folder, ignore_errors=True)  # there only if it was not moved into place
     return root
+
+
+def _clear_debris(root: Path) -> None:
+    """Remove what map.json does not name: the data it replaced, or the data that was not completed."""
+    named = _read_manifest(root, any_version=True)["data"]
+    (root / f"{MANIFEST}.unfinished").unlink(missing_ok=True)
+    for folder in root.glob("data-*"):
+        if folder.name != named:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def open_map(path: str | os.PathLike[str]) -> SavedMap:
@@ -120,10 +134,10 @@ class SavedMap(History):
         self.path = Path(path)
         self.manifest = _read_manifest(self.path)
         self._data = self.path / self.manifest["data"]
-        scans = self._read("scans", ["stamp_ns", "x", "y", "theta"])
+        scans = self._read("scans")
         self._stamps_ns: NDArray[np.int64] = scans["stamp_ns"]
         self.poses: NDArray[np.float64] = np.stack([scans["x"], scans["y"], scans["theta"]], axis=-1)
-        tiles = self._read("tiles", ["row", "col"])
+        tiles = self._read("tiles")
         try:
             self.config = MapConfig.from_dict(self.manifest["config"])
             spec = GridSpec(self.config.grid.resolution_m)
@@ -150,29 +164,15 @@ class SavedMap(History):
 
     def runs_of_cell(self, cell: int) -> list[tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]]:
         """First scans, last scans and values of one cell's intervals; reads only the row groups that hold them."""
-        if "_all_runs" in self.__dict__:
-            runs = self._all_runs
-        else:
-            name = "intervals"
-            try:
-                with pq.ParquetFile(self._data / f"{name}.parquet") as file:
-                    groups = []
-                    place = file.schema_arrow.get_field_index("cell")
-                    for group in range(file.num_row_groups):
-                        statistics = file.metadata.row_group(group).column(place).statistics
-                        if statistics is None or statistics.min <= cell <= statistics.max:
-                            groups.append(group)
-                    columns = _columns(file.read_row_groups(groups))
-            except (OSError, pa.ArrowException) as error:
-                raise self._damaged(f"{name}.parquet: {error}") from error
-            runs = self._to_runs(columns)
+        known = "_all_runs" in self.__dict__
+        runs = self._all_runs if known else self._to_runs(self._read("intervals", cell))
         where = runs.of_cell(cell)
         return [(runs.first[where], runs.last[where], runs.value[where])]
 
     @cached_property
     def surfaces(self) -> SurfaceMemory:
         """Where inside each cell the hits fell; read when first asked for."""
-        columns = self._read("surfaces", ["cell", "hits", *MOMENTS])
+        columns = self._read("surfaces")
         surfaces = SurfaceMemory()
         surfaces.reserve(self.tiles.n_cells, 0)
         surfaces.n_slots = len(columns["cell"])
@@ -185,12 +185,14 @@ class SavedMap(History):
 
     @cached_property
     def _all_runs(self) -> Runs:
-        return self._to_runs(self._read("intervals", ["cell", "first_scan", "span", "prob"]))
+        return self._to_runs(self._read("intervals"))
 
     def _to_runs(self, columns: dict[str, NDArray[Any]]) -> Runs:
-        cell, first, last = columns["cell"], columns["first_scan"], columns["first_scan"] + columns["span"]
+        cell, first, span = columns["cell"], columns["first_scan"], columns["span"]
         self._check_within(cell, self.tiles.n_cells, "intervals.parquet")
         self._check_within(first, self.n_scans, "intervals.parquet")
+        self._check_within(span, self.n_scans, "intervals.parquet")
+        last = first + span
         self._check_within(last, self.n_scans, "intervals.parquet")
         steps = np.diff(cell)
         if np.any(steps < 0):
@@ -199,10 +201,14 @@ class SavedMap(History):
         offsets = np.concatenate([[0], starts, [len(cell)]] if len(cell) else [[0]]).astype(np.int64)
         return Runs(cell[offsets[:-1]], offsets, first, last, columns["prob"])
 
-    def _read(self, name: str, columns: list[str]) -> dict[str, NDArray[Any]]:
+    def _read(self, name: str, cell: int | None = None) -> dict[str, NDArray[Any]]:
+        """Columns of a table; of one cell, only the row groups that may hold it."""
         try:
-            return _columns(pq.read_table(self._data / f"{name}.parquet", columns=columns, memory_map=True))
-        except (OSError, pa.ArrowException, KeyError) as error:
+            with pq.ParquetFile(self._data / f"{name}.parquet", memory_map=True) as file:
+                groups = [g for g in range(file.num_row_groups) if cell is None or _may_hold(file, g, cell)]
+                table = file.read_row_groups(groups, columns=list(TABLES[name]))
+                return {column: _numbers(table.column(column), kind) for column, kind in TABLES[name].items()}
+        except (OSError, pa.ArrowException, KeyError, ValueError) as error:
             raise self._damaged(f"{name}.parquet: {error}") from error
 
     def _check_within(self, values: NDArray[np.int32], count: int, file: str) -> None:
@@ -346,13 +352,24 @@ def _read_manifest(root: Path, any_version: bool = False) -> dict[str, Any]:
     for key, kind in keys.items():
         if not isinstance(manifest.get(key), kind):
             raise MapError(f"{root}: the map is damaged: map.json has no usable {key!r}")
-    if Path(manifest["data"]).name != manifest["data"]:
+    if not manifest["data"].startswith("data-") or Path(manifest["data"]).name != manifest["data"]:
         raise MapError(f"{root}: the map is damaged: map.json names {manifest['data']!r} as its data folder")
     return manifest
 
 
-def _columns(table: Any) -> dict[str, NDArray[Any]]:
-    return {name: table.column(name).to_numpy() for name in table.column_names}
+def _may_hold(file: Any, group: int, cell: int) -> bool:
+    """Whether a row group's statistics allow it to hold the cell."""
+    place = file.schema_arrow.get_field_index("cell")
+    statistics = file.metadata.row_group(group).column(place).statistics if place >= 0 else None
+    return statistics is None or not statistics.has_min_max or statistics.min <= cell <= statistics.max
+
+
+def _numbers(column: Any, kind: Any) -> NDArray[Any]:
+    """A column as an array of the wanted kind; ValueError or ArrowInvalid if it holds something else."""
+    if column.null_count or not (pa.types.is_integer(column.type) or pa.types.is_floating(column.type)):
+        raise ValueError(f"holds {column.type} with {column.null_count} nulls where {kind} was wanted")
+    numbers: NDArray[Any] = column.cast(kind).to_numpy()
+    return numbers
 
 
 def _sync(path: Path) -> None:

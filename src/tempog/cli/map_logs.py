@@ -107,7 +107,9 @@ def map_logs(
     for source in inputs:
         with status(f"reading {source}", progress):
             logs.append(
-                open_scans(log, clock=clock, skip_bad=skip_bad, laser=laser.value, sensor_max_range=sensor_max_range)
+                open_scans(
+                    source, clock=clock, skip_bad=skip_bad, laser=laser.value, sensor_max_range=sensor_max_range
+                )
             )
     if not quiet and not json:
         for log in logs:

@@ -372,7 +372,7 @@ def free_surface(
             k = path[np.uint64(j)]
             here = state[k]
             if here == UNTOUCHED:
-                row, col = (k >> shift) + row0, (k & mask) + col0
+                row, col = np.int64(k >> shift) + row0, np.int64(k & mask) + col0
                 tile = directory[(row >> 3) - dir_row0, (col >> 3) - dir_col0]
                 slot = -1
                 if tile >= 0:
@@ -404,8 +404,8 @@ def free_surface(
                     ex, ey = -uy, ux
                 crossing = ux * ey - uy * ex
                 if abs(crossing) >= MIN_CROSSING_SINE:
-                    px = ((k & mask) + col0 + 0.5) * resolution + moments[slot, 0] - x
-                    py = ((k >> shift) + row0 + 0.5) * resolution + moments[slot, 1] - y
+                    px = (np.int64(k & mask) + col0 + 0.5) * resolution + moments[slot, 0] - x
+                    py = (np.int64(k >> shift) + row0 + 0.5) * resolution + moments[slot, 1] - y
                     at_beam = (px * ey - py * ex) / crossing
                     at_line = (px * uy - py * ux) / crossing
                     if (

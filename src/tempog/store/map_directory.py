@@ -204,7 +204,7 @@ class SavedMap(History):
     def _read(self, name: str, cell: int | None = None) -> dict[str, NDArray[Any]]:
         """Columns of a table; of one cell, only the row groups that may hold it."""
         try:
-            with pq.ParquetFile(self._data / f"{name}.parquet", memory_map=True) as file:
+            with pq.ParquetFile(self._data / f"{name}.parquet", page_checksum_verification=True) as file:
                 groups = [g for g in range(file.num_row_groups) if cell is None or _may_hold(file, g, cell)]
                 table = file.read_row_groups(groups, columns=list(TABLES[name]))
                 return {column: _numbers(table.column(column), kind) for column, kind in TABLES[name].items()}
@@ -290,6 +290,7 @@ def _write(
         use_dictionary=dictionary or False,
         column_encoding=encodings,
         write_statistics=["cell"] if "cell" in columns else False,
+        write_page_checksum=True,
     )
     _sync(path)
 

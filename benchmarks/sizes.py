@@ -23,7 +23,7 @@ def run(names: list[str], n_scans: int | None, _n_repetitions: int) -> list[Sect
         for evidence in evidences:
             _add_rows(section, evidence, integrate(log, evidence))
         section.notes.append(
-            "The three arrays of an open interval are 12 bytes a cell; an eighth more is allocated for growth."
+            "The three arrays of an open interval are 12 bytes a cell; up to a quarter more is allocated for growth."
         )
         sections.append(section)
     return sections

@@ -190,7 +190,7 @@ class TemporalGrid(History):
     def _reserve(self, n_statements: int) -> None:
         n_cells = self.tiles.n_cells
         if n_cells > len(self._last):
-            n_cells += n_cells // 8
+            n_cells += n_cells // 4
             self._first = grown(self._first, n_cells)
             self._last = grown(self._last, n_cells, fill=NEVER)
             self._value = grown(self._value, n_cells)

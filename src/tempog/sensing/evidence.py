@@ -75,7 +75,8 @@ class Sensor:
         config, resolution = self.config, self.resolution_m
         self._aim(scan)
         box = self._box
-        tiles.cover(box, f"{scan.label or 'the scan'} at {scan.t:.3f} s, pose ({scan.x:g}, {scan.y:g}),")
+        if not tiles.covers(box):
+            tiles.cover(box, f"{scan.label or 'the scan'} at {scan.t:.3f} s, pose ({scan.x:g}, {scan.y:g}),")
         n_rows, n_cols = box.row_max - box.row_min + 1, box.col_max - box.col_min + 1
         shift = (n_cols - 1).bit_length()
         window = n_rows << shift
@@ -147,17 +148,18 @@ class Sensor:
             tiles.n_tiles,
             cells,
         )
-        # A stray hit counts for another cell, but is remembered where it fell.
-        tiles.n_tiles = kernels.claim_tiles_of_hits(
-            self._end_x,
-            self._end_y,
-            self._is_hit,
-            resolution,
-            *directory,
-            tiles.tile_rows,
-            tiles.tile_cols,
-            tiles.n_tiles,
-        )
+        if config.evidence == "surface":
+            # A stray hit counts for another cell, but is remembered where it fell.
+            tiles.n_tiles = kernels.claim_tiles_of_hits(
+                self._end_x,
+                self._end_y,
+                self._is_hit,
+                resolution,
+                *directory,
+                tiles.tile_rows,
+                tiles.tile_cols,
+                tiles.n_tiles,
+            )
         surfaces.reserve(tiles.n_cells, len(self._is_hit))
         surfaces.n_slots = kernels.add_hit_points(
             self._end_x,

@@ -41,7 +41,7 @@ class SurfaceMemory:
     def reserve(self, n_cells: int, n_more: int) -> None:
         """Room for cell numbers below `n_cells` and for `n_more` new slots."""
         if n_cells > len(self.slot_of_cell):
-            self.slot_of_cell = grown(self.slot_of_cell, n_cells + n_cells // 8, fill=NO_SLOT)
+            self.slot_of_cell = grown(self.slot_of_cell, n_cells + n_cells // 4, fill=NO_SLOT)
         needed = self.n_slots + n_more
         if needed > len(self.hit_count):
             capacity = needed + needed // 2

@@ -92,6 +92,16 @@ class TileIndex:
         n_rows, n_cols = int(rows.max()) - row0 + 1, int(cols.max()) - col0 + 1
         return Extent(row0 * TILE, col0 * TILE, n_rows * TILE, n_cols * TILE, self.spec.resolution_m)
 
+    def covers(self, box: CellBox) -> bool:
+        """Whether the directory reaches over `box` already."""
+        covered = self.covered
+        return (
+            covered.row_min <= box.row_min >> TILE_BITS
+            and box.row_max >> TILE_BITS <= covered.row_max
+            and covered.col_min <= box.col_min >> TILE_BITS
+            and box.col_max >> TILE_BITS <= covered.col_max
+        )
+
     def cover(self, box: CellBox, label: str) -> None:
         """Make the directory reach over `box`; claims no tile.
 
@@ -108,8 +118,6 @@ class TileIndex:
             min(old.col_min, wanted.col_min),
             max(old.col_max, wanted.col_max),
         )
-        if union == old:
-            return
         n_rows, n_cols = union.row_max - union.row_min + 1, union.col_max - union.col_min + 1
         if n_rows * n_cols * TILE_CELLS > self.max_cells:
             self._refuse(n_rows, n_cols, label)

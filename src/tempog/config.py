@@ -16,7 +16,7 @@ from tempog.errors import ConfigError
 Evidence = Literal["surface", "literal"]
 NoReturn = Literal["neighbours", "never", "always"]
 
-MAX_SCAN_CELLS_ACROSS = 8_000  # cells; 200 m of range at 0.05 m: one scan then works on a window of 64 MB
+MAX_SCAN_CELLS_ACROSS = 8_000  # cells; 200 m of range at 0.05 m: working on one scan then takes 0.6 GB
 
 
 def _require(ok: bool, name: str, seen: object, wanted: str) -> None:
@@ -26,6 +26,20 @@ def _require(ok: bool, name: str, seen: object, wanted: str) -> None:
 
 def _require_choice(name: str, seen: object, choices: Any) -> None:
     _require(seen in get_args(choices), name, seen, "one of " + ", ".join(get_args(choices)))
+
+
+def _make_plain(config: Any) -> None:
+    """Numbers of any kind, NumPy's too, to Python's own, so that they can be saved."""
+    for name, kind in get_type_hints(type(config)).items():
+        value = getattr(config, name)
+        if kind in (float, float | None, int) and value is not None:
+            plain = int if kind is int else float
+            try:
+                if isinstance(value, str):  # float() would take it
+                    raise TypeError
+                object.__setattr__(config, name, plain(value))
+            except (TypeError, ValueError, OverflowError):
+                raise ConfigError(f"{name} = {value!r} cannot work; wanted a number") from None
 
 
 @dataclass(frozen=True)
@@ -39,7 +53,7 @@ class SensingConfig:
         is a hit, every cell before it is free. ``surface``: the same, but nothing near a surface is called
         free because a beam grazed past it.
     max_range_m : float, metres
-        Readings beyond are not hits; such a beam frees cells up to here.
+        Readings beyond are no hits; such a beam frees cells up to here.
     no_return : "neighbours", "never" or "always"
         Whether a beam without return frees the cells up to `max_range_m`. Half a percent of drop-outs is
         enough to carve every wall away, so by default both neighbouring beams must be without return too.
@@ -77,6 +91,7 @@ class SensingConfig:
     snap_m: float = 0.03
 
     def __post_init__(self) -> None:
+        _make_plain(self)
         _require_choice("evidence", self.evidence, Evidence)
         _require_choice("no_return", self.no_return, NoReturn)
         _require(0 < self.max_range_m < math.inf, "max_range_m", self.max_range_m, "metres above 0")
@@ -96,24 +111,26 @@ class GridConfig:
     ----------
     resolution_m : float, metres
         Side of a cell.
-    gap_s : float, seconds
-        thres_1 of Fig. 4: a cell not seen for longer starts a new interval. Must exceed the scan period;
-        about ten of them keeps far cells, which few beams reach, in one piece.
+    gap_s : float, seconds, optional
+        thres_1 of Fig. 4: a cell not seen for longer starts a new interval. Must exceed the scan period.
+        Default: ten scan periods where the period is known, which keeps far cells, that few beams reach,
+        in one piece; else 2 s.
     tolerance : float, 0..1
         thres_2 of Fig. 4: a statement that differs by more from the interval's value starts a new one.
     max_cells : int
-        Bound on the cells of the map's bounding rectangle, against corrupt poses. The default is 0.67 km²
-        at 0.05 m.
+        Bound on the cells of the map's bounding rectangle, against corrupt poses. The default is 400 m x
+        400 m at 0.05 m, and 270 MB for an array of the whole map.
     """
 
     resolution_m: float = 0.05
-    gap_s: float = 2.0
+    gap_s: float | None = None
     tolerance: float = 0.2
-    max_cells: int = 2**28
+    max_cells: int = 2**26
 
     def __post_init__(self) -> None:
+        _make_plain(self)
         _require(1e-3 <= self.resolution_m <= 100, "resolution_m", self.resolution_m, "metres from 0.001 to 100")
-        _require(0 < self.gap_s < math.inf, "gap_s", self.gap_s, "seconds above 0")
+        _require(self.gap_s is None or 0 < self.gap_s < math.inf, "gap_s", self.gap_s, "seconds above 0")
         _require(0 <= self.tolerance <= 1, "tolerance", self.tolerance, "a probability difference from 0 to 1")
         _require(64 <= self.max_cells <= 2**31 - 1, "max_cells", self.max_cells, "from 64 to 2**31 - 1")
 
@@ -162,6 +179,7 @@ class MapConfig:
 
 
 DEFAULT_GAP = "10scans"
+DEFAULT_GAP_S = 2.0  # s; where nothing tells how often scans come: ten of a slow 5 Hz scanner
 
 
 def parse_gap(text: str, scan_period_s: float) -> float:

@@ -3,32 +3,38 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import chain
 
-from tempog.config import DEFAULT_GAP, MapConfig, parse_gap
+import numpy as np
+
+from tempog.config import MapConfig, parse_gap
 from tempog.errors import ScanError
 from tempog.grid.temporal_grid import TemporalGrid
-from tempog.scans.scan import Scan, scan_period_s
+from tempog.scans.clock import mend_clock, parse_clock
+from tempog.scans.scan import Scan, ScanLog, scan_period_s
 
 
 def build_grid(
-    scans: Sequence[Scan] | Sequence[Sequence[Scan]],
+    scans: Iterable[Scan] | Iterable[ScanLog],
     config: MapConfig | None = None,
     *,
-    gap: str = DEFAULT_GAP,
+    gap: str | None = None,
     track: Callable[[list[Scan]], Iterable[Scan]] | None = None,
 ) -> TemporalGrid:
     """A temporal grid of one log, or of several that are merged by time.
 
     Parameters
     ----------
-    scans : sequence of Scan, or a sequence of such
+    scans : iterable of Scan, or of ScanLog
+        Scans that come in no log have their stamps checked as a log's: a few small steps back are sorted
+        and warned of, a clock that cannot be used is refused.
     config : MapConfig, optional
-        Its `gap_s` is replaced by `gap`.
-    gap : str
-        thres_1 of Fig. 4 as ``"2s"`` or ``"10scans"``. Of several logs, the slowest sets what a scan lasts.
+    gap : str, optional
+        thres_1 of Fig. 4 as ``"2s"`` or ``"10scans"``, in place of the `gap_s` of `config`. Of several
+        logs, the slowest sets what a scan lasts.
     track : callable, optional
         Wraps the list of scans on its way in; for a progress bar.
 
@@ -36,6 +42,8 @@ def build_grid(
     ------
     ScanError
         No scans.
+    ClockError
+        Scans in no log whose stamps make no usable time axis.
     ConfigError
         A gap that does not fit the scan rate.
 
@@ -43,16 +51,18 @@ def build_grid(
     --------
     >>> from tempog import Scan, build_grid
     >>> log = [Scan(0.1 * k, (0.0, 0.0, 0.0), [0.0], [2.0]) for k in range(50)]
-    >>> build_grid(log).config.grid.gap_s
+    >>> build_grid(log).gap_s
     1.0
     """
     logs = _as_logs(scans)
     period_s = max((log_period for log in logs if (log_period := _period_s(log)) > 0), default=math.nan)
     config = config or MapConfig()
-    config = replace(config, grid=replace(config.grid, gap_s=parse_gap(gap, period_s)))
-    grid = TemporalGrid(config)
+    if gap is not None:
+        config = replace(config, grid=replace(config.grid, gap_s=parse_gap(gap, period_s)))
+    grid = TemporalGrid(config, scan_period_s=period_s)
     ordered = sorted(chain.from_iterable(logs), key=lambda scan: scan.stamp_ns)
-    grid.integrate_many(ordered if track is None else track(ordered))  # Fig. 4
+    for scan in ordered if track is None else track(ordered):
+        grid.integrate(scan)  # Fig. 4
     return grid
 
 
@@ -60,9 +70,9 @@ def _period_s(log: Sequence[Scan]) -> float:
     return scan_period_s([scan.stamp_ns for scan in log])
 
 
-def _as_logs(scans: Sequence[Scan] | Sequence[Sequence[Scan]]) -> list[Sequence[Scan]]:
-    if len(scans) == 0:
-        raise ScanError("no scans were given; a map needs at least one")
+def _as_logs(scans: Iterable[Scan] | Iterable[ScanLog]) -> list[Sequence[Scan]]:
+    if isinstance(scans, ScanLog):
+        return [scans]
     logs: list[Sequence[Scan]] = []
     loose: list[Scan] = []
     for item in scans:
@@ -71,7 +81,12 @@ def _as_logs(scans: Sequence[Scan] | Sequence[Sequence[Scan]]) -> list[Sequence[
         elif len(item):
             logs.append(item)
     if loose:
-        logs.append(loose)
+        labels = [scan.label or f"scan {k}" for k, scan in enumerate(loose)]
+        stamps = [scan.stamp_ns for scan in loose]
+        clock = mend_clock(np.array(stamps, dtype=np.int64), labels, parse_clock("auto"), source="scans")
+        for note in clock.notes:
+            warnings.warn(note, stacklevel=3)
+        logs.append([loose[k] for k in clock.order])
     if not logs:
         raise ScanError("no scans were given; a map needs at least one")
     return logs

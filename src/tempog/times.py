@@ -49,6 +49,8 @@ def parse_moment(moment: Moment, start_ns: int) -> int:
         return _parse_text(moment, start_ns)
     if isinstance(moment, int):
         return _in_range(moment * NS_PER_S, moment)
+    if not isinstance(moment, float | np.floating | np.integer):
+        raise TimeError(f"{moment!r} is not a moment; wanted seconds, text, a datetime or a numpy.datetime64")
     return _from_seconds(float(moment), moment)
 
 

@@ -26,7 +26,7 @@ from tempog.grid import temporal_grid, time_index
 from tempog.grid.temporal_grid import TemporalGrid
 from tempog.grid.time_index import TimeIndex
 from tempog.pipeline import build_grid
-from tempog.scans.scan import Scan, scan_period_s
+from tempog.scans.scan import Scan, ScanLog, scan_period_s
 from tempog.store import map_directory
 from tempog.store.map_directory import open_map, save_map
 
@@ -308,7 +308,7 @@ def test_a_batch_is_the_same_as_scan_by_scan(scans, evidence):
     for scan in scans:
         one_by_one.integrate(scan)
     batch.integrate_many(scans)
-    front_door = build_grid(scans, config, gap="4s")
+    front_door = build_grid(ScanLog(scans), config, gap="4s")
     for other in (batch, front_door):
         for got, wanted in zip(other.all_runs(), one_by_one.all_runs(), strict=True):
             np.testing.assert_array_equal(got, wanted)

@@ -95,7 +95,13 @@ def test_robotlaser_lines_win_over_the_same_sweeps_as_flaser(write):
     lines = [line for i in range(5) for line in (flaser(i), robotlaser(i))]
     log = read_carmen(write(*lines))
     assert [scan.max_range for scan in log] == [30.0] * 5
-    assert log.notes[0].startswith("5 FLASER lines repeat the same sweeps")
+    assert log.notes[0].startswith("5 FLASER lines are left out in favour of ROBOTLASER1")
+
+
+def test_a_stray_robotlaser_line_does_not_hide_the_flaser_lines(write):
+    log = read_carmen(write(*[flaser(i) for i in range(9)], robotlaser(9)))
+    assert len(log) == 9
+    assert log.notes[0].startswith("1 ROBOTLASER1 lines are left out in favour of FLASER")
 
 
 def test_message_types_unknown_to_carmen_are_noted(write):

@@ -626,3 +626,18 @@ def test_a_map_with_flipped_bits_is_read_or_told_as_damaged(sound_map, tmp_path_
     with suppress(MapError, TimeError):  # other stamps are no damage that shows, but the questions miss them
         ask_everything(path)
     shutil.rmtree(path.parent)
+
+
+def test_two_processes_do_not_replace_one_map_at_once(saved):
+    with map_directory._only_writer(saved), pytest.raises(MapError, match="by another process"):
+        save_map(small_grid(5), saved, force=True)
+    assert open_map(saved).n_scans == 12
+    save_map(small_grid(5), saved, force=True)
+    assert open_map(saved).n_scans == 5
+
+
+def test_a_map_that_was_replaced_since_it_was_opened_says_so(saved):
+    opened = open_map(saved)
+    save_map(small_grid(5), saved, force=True)
+    with pytest.raises(MapError, match="open it again"):
+        opened.history(1.5, 0.05)

@@ -13,7 +13,7 @@ from tempog.analysis.dynamics import map_dynamics
 from tempog.analysis.occupancy import occupancy_grid
 from tempog.analysis.static import CellClass, static_map
 from tempog.config import GridConfig, MapConfig, SensingConfig
-from tempog.errors import ConfigError, EmptyWindowError, ScanError, TimeError
+from tempog.errors import ClockError, ConfigError, EmptyWindowError, ScanError, TimeError
 from tempog.grid.temporal_grid import TemporalGrid
 from tempog.pipeline import build_grid
 from tempog.scans.scan import Scan, ScanLog
@@ -170,7 +170,7 @@ def test_build_grid_hands_the_sorted_scans_to_track():
             seen.append(scan.t)
             yield scan
 
-    build_grid([beam(2.0), beam(0.0), beam(1.0)], track=track)
+    build_grid(ScanLog([beam(2.0), beam(0.0), beam(1.0)]), track=track)
     assert seen == [0.0, 1.0, 2.0]
 
 
@@ -247,9 +247,71 @@ def test_changes_leave_out_cells_whose_last_look_is_older_than_the_hold():
     assert len(grid.changes(40.0, 50.0, hold=30.0).before) == 0
 
 
-@pytest.mark.parametrize(
-    ("x", "y"), [(99.0, 0.0), (2.0, -50.0), (1e12, 0.0), (math.nan, 0.0), (0.0, math.inf), (1e308, 0.0)]
-)
+@pytest.mark.parametrize(("x", "y"), [(math.nan, 0.0), (0.0, math.inf), (1.0, math.nan)])
+def test_a_place_that_is_none_is_refused(x, y):
+    with pytest.raises(ConfigError, match="is not a place"):
+        grid_of(beam(0.0)).history(x, y)
+
+
+def test_loose_scans_with_a_clock_that_stepped_back_far_are_refused():
+    with pytest.raises(ClockError, match="step back"):
+        build_grid([beam(0.0), beam(1.0), beam(2.0), beam(0.5)])
+
+
+def test_a_few_loose_scans_out_of_order_are_sorted_with_a_warning():
+    scans = [beam(0.1 * k) for k in range(200)]
+    scans[50], scans[51] = scans[51], scans[50]
+    with pytest.warns(UserWarning, match="steps? back"):
+        grid = build_grid(iter(scans))
+    assert grid.n_scans == 200
+
+
+def test_the_gap_is_ten_scan_periods_unless_told():
+    scans = [beam(0.1 * k) for k in range(20)]
+    assert build_grid(scans).gap_s == pytest.approx(1.0)
+    assert build_grid(scans, MapConfig(grid=GridConfig(gap_s=5.0))).gap_s == 5.0
+    assert build_grid(scans, MapConfig(grid=GridConfig(gap_s=5.0)), gap="3scans").gap_s == pytest.approx(0.3)
+    assert TemporalGrid().gap_s == 2.0
+
+
+def test_a_slow_start_is_not_mistaken_for_the_scan_period():
+    scans = [beam(3.0 * k) for k in range(12)] + [beam(36 + 0.1 * k) for k in range(300)]
+    assert build_grid(scans, track=iter).n_scans == 312
+
+
+def test_a_window_knows_nothing_of_what_came_after_it():
+    grid = grid_of(*[beam(0.1 * k) for k in range(100)])
+    window = grid.window(0, 5)
+    assert np.isnan(window.at(8).value).all()
+    assert np.nanmax(window.at(8, hold=math.inf).age_s) == pytest.approx(3.0)
+    assert np.nanmax(window.at(5).value) == pytest.approx(0.9)
+
+
+def test_a_scan_keeps_its_readings_when_the_callers_array_changes():
+    ranges = np.array([2.0], dtype=np.float32)
+    scan = Scan(0.0, (0.0, 0.0, 0.0), [0.0], ranges)
+    ranges[0] = 9.0
+    assert scan.ranges[0] == 2.0
+
+
+@pytest.mark.parametrize(("theta", "angle"), [(1.7e308, 1.7e308), (1e9, 0.0), (0.0, -1e9)])
+def test_angles_that_no_sensor_has_are_refused(theta, angle):
+    with pytest.raises(ScanError, match="not usable"):
+        Scan(0.0, (0.0, 0.0, theta), [angle], [2.0])
+
+
+def test_a_stamp_beyond_int64_is_refused():
+    with pytest.raises(ScanError, match="not a usable time"):
+        Scan(0.0, (0.0, 0.0, 0.0), [], [], stamp_ns=2**64)
+
+
+def test_numpy_numbers_are_settings_too():
+    config = GridConfig(resolution_m=np.float32(0.05), max_cells=np.int64(4096))
+    assert type(config.resolution_m) is float
+    assert type(config.max_cells) is int
+
+
+@pytest.mark.parametrize(("x", "y"), [(99.0, 0.0), (2.0, -50.0), (1e12, 0.0), (1e308, 0.0)])
 def test_a_place_that_was_never_seen_has_an_empty_history(x, y):
     history = grid_of(beam(0.0)).history(x, y)
     assert len(history) == 0

@@ -17,7 +17,7 @@ from tempog.grid.history import History
 # percent to, between passes that disagree by a cell, a quarter; a door is open for longer than that.
 STATIC_DYNAMICS_BELOW = 0.3
 STATIC_MEAN_ABOVE = 0.7
-# From half free on, a cell that was hit now and then is floor on which something stood or passed.
+# A cell that is free three quarters of the time or more is floor on which something stood or passed.
 FREE_MEAN_BELOW = 0.3
 
 

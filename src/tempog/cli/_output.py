@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-import uuid
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,12 +11,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from tempog._files import whole_file
 from tempog.errors import ConfigError, MapError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from tempog.scans.scan import Scan
+
+PICTURE_SUFFIXES = (".png", ".pdf", ".svg", ".jpg", ".webp")
 
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 ForceFlag = Annotated[bool, typer.Option("--force", help="Replace what is there.")]
@@ -112,10 +114,12 @@ def wants_progress(quiet: bool) -> bool:
     return not quiet and sys.stderr.isatty()
 
 
-def check_new_file(path: Path, force: bool) -> None:
-    """Refuse to write over a file unless told to, and into a directory that does not exist."""
+def check_new_picture(path: Path, force: bool) -> None:
+    """Refuse to write over a file unless told to, into no directory, and in an unknown format."""
+    if path.suffix.lower() not in PICTURE_SUFFIXES:
+        raise ConfigError(f"{path} names no picture format; wanted a name that ends in {', '.join(PICTURE_SUFFIXES)}")
     if path.is_dir():
-        raise ConfigError(f"{path} is a directory; name a file, for example {path / 'map.png'}")
+        raise MapError(f"{path} is a directory; name a file")
     if path.exists() and not force:
         raise MapError(f"{path} exists already; use --force to replace it, or choose another name")
     if not path.absolute().parent.is_dir():
@@ -124,15 +128,5 @@ def check_new_file(path: Path, force: bool) -> None:
 
 def save_figure(figure: Figure, path: Path) -> None:
     """Write a picture, all of it or nothing."""
-    known = figure.canvas.get_supported_filetypes()
-    kind = path.suffix.lstrip(".").lower()
-    if kind not in known:
-        raise ConfigError(f"{path} names no picture format that can be written; wanted one of .{', .'.join(known)}")
-    unfinished = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
-    try:
-        figure.savefig(unfinished, format=kind)
-        unfinished.replace(path)
-    except OSError as error:
-        raise MapError(f"{path} could not be written: {error}") from error
-    finally:
-        unfinished.unlink(missing_ok=True)
+    with whole_file(path) as unfinished:
+        figure.savefig(unfinished)

@@ -11,7 +11,7 @@ from tempog._version import __version__
 from tempog.cli import demo, history, info, map_logs, show
 from tempog.errors import ConfigError, TempogError
 
-BAD_DATA, WRONG_USAGE, INTERRUPTED = 1, 2, 130
+BAD_DATA, WRONG_USAGE = 1, 2
 
 app = typer.Typer(
     name="tempog",
@@ -51,6 +51,6 @@ def run() -> None:
     except TempogError as error:
         typer.echo(f"tempog: {error}", err=True)
         sys.exit(WRONG_USAGE if isinstance(error, ConfigError) else BAD_DATA)
-    except KeyboardInterrupt:
-        typer.echo("tempog: interrupted; nothing was changed", err=True)
-        sys.exit(INTERRUPTED)
+    except OSError as error:  # the disk's or the file system's own words: full, read-only, name too long
+        typer.echo(f"tempog: {error}", err=True)
+        sys.exit(BAD_DATA)

@@ -11,7 +11,7 @@ import typer
 from tempog.cli._output import (
     ForceFlag,
     QuietFlag,
-    check_new_file,
+    check_new_picture,
     count_text,
     duration_text,
     save_figure,
@@ -45,7 +45,7 @@ def demo(
     map_path = output / "corridor.tempog"
     check_target(map_path, force)
     for picture in pictures.values():
-        check_new_file(picture, force)
+        check_new_picture(picture, force)
 
     world = simulate(corridor(seed=0), seed=0)
     grid = build_grid(world.scans, track=track_scans if wants_progress(quiet) else None)
@@ -86,7 +86,7 @@ def describe(world: Simulation, grid: TemporalGrid, opened_s: float, closed_s: f
     hinge = np.array(world.world.doors[0].hinge)
     near = np.hypot(*(changes.points_map - hinge).T) < NEAR_DOOR_M
     typer.echo(
-        f"Between +{opened_s:.0f} s and +{closed_s:.0f} s {len(near)} cells changed,"
+        f"Between +{opened_s:.1f} s and +{closed_s:.1f} s {len(near)} cells changed,"
         f" {int(near.sum())} of them within {NEAR_DOOR_M:g} m of the door's hinge."
     )
     appeared = near & (changes.after > changes.before)

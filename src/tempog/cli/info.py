@@ -17,6 +17,7 @@ def info(map_path: MapArgument, json: JsonFlag = False) -> None:
     from tempog.store.map_directory import open_map
 
     saved = open_map(map_path)
+    saved.require_scans()
     manifest = saved.manifest
     x_min, x_max, y_min, y_max = saved.extent.bounds
     answer: dict[str, Any] = {

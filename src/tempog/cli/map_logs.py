@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import time
-from enum import StrEnum
-from itertools import pairwise
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -23,32 +22,13 @@ from tempog.cli._output import (
     track_scans,
     wants_progress,
 )
-from tempog.config import DEFAULT_GAP, GridConfig, MapConfig, SensingConfig
+from tempog.config import DEFAULT_GAP, Evidence, GridConfig, MapConfig, NoReturn, SensingConfig
+
+if TYPE_CHECKING:
+    from tempog.scans.scan import ScanLog
 
 MAP_SUFFIX = ".tempog"
 LOG_SUFFIXES = {".gz", ".log", ".clf", ".npz"}
-
-
-class EvidenceChoice(StrEnum):
-    """How a scan becomes evidence."""
-
-    surface = "surface"
-    literal = "literal"
-
-
-class NoReturnChoice(StrEnum):
-    """What a beam without return frees."""
-
-    neighbours = "neighbours"
-    never = "never"
-    always = "always"
-
-
-class LaserChoice(StrEnum):
-    """Which laser of a CARMEN log."""
-
-    front = "front"
-    rear = "rear"
 
 
 def map_logs(
@@ -61,7 +41,7 @@ def map_logs(
     ] = None,
     resolution: Annotated[float, typer.Option(help="Side of a cell, metres.")] = GridConfig.resolution_m,
     max_range: Annotated[
-        float, typer.Option(help="Readings beyond are not used, metres.")
+        float, typer.Option(help="Readings beyond are no hits; such beams free cells up to here. Metres.")
     ] = SensingConfig.max_range_m,
     gap: Annotated[
         str, typer.Option(help="A cell unseen for longer starts a new interval: 2s, or 10scans.")
@@ -70,15 +50,13 @@ def map_logs(
         float, typer.Option(help="Largest difference of P(occupied) within one interval.")
     ] = GridConfig.tolerance,
     evidence: Annotated[
-        EvidenceChoice, typer.Option(help="surface: walls stay walls; literal: the paper's sensor model.")
-    ] = EvidenceChoice.surface,
-    no_return: Annotated[
-        NoReturnChoice, typer.Option(help="When a beam without return frees space.")
-    ] = NoReturnChoice.neighbours,
+        Evidence, typer.Option(help="surface: walls stay walls; literal: the paper's sensor model.")
+    ] = "surface",
+    no_return: Annotated[NoReturn, typer.Option(help="When a beam without return frees space.")] = "neighbours",
     clock: Annotated[
         str, typer.Option(help="auto: mend little, refuse worse; sort: by stamp; rate=HZ: ignore the stamps.")
     ] = "auto",
-    laser: Annotated[LaserChoice, typer.Option(help="CARMEN: FLASER or RLASER lines.")] = LaserChoice.front,
+    laser: Annotated[Literal["front", "rear"], typer.Option(help="CARMEN: FLASER or RLASER lines.")] = "front",
     sensor_max_range: Annotated[
         float | None, typer.Option(help="The sensor's maximum, metres; readings from there on are no returns.")
     ] = None,
@@ -92,7 +70,7 @@ def map_logs(
 ) -> None:
     """Map one or more laser logs; several are merged by time."""
     config = MapConfig(
-        SensingConfig(evidence=evidence.value, max_range_m=max_range, no_return=no_return.value),
+        SensingConfig(evidence=evidence, max_range_m=max_range, no_return=no_return),
         GridConfig(resolution_m=resolution, tolerance=tolerance, max_cells=max_cells),
     )
     path = output or default_map_path(inputs[0])
@@ -107,16 +85,15 @@ def map_logs(
     for source in inputs:
         with status(f"reading {source}", progress):
             logs.append(
-                open_scans(
-                    source, clock=clock, skip_bad=skip_bad, laser=laser.value, sensor_max_range=sensor_max_range
-                )
+                open_scans(source, clock=clock, skip_bad=skip_bad, laser=laser, sensor_max_range=sensor_max_range)
             )
+    overlap_notes = overlaps(logs)
     if not quiet and not json:
         for log in logs:
             typer.echo(f"{log.source}: {log.format}, {len(log)} scans, {duration_text(log.duration_s)}")
             for note in log.notes:
                 print_note(note)
-        for note in overlaps(logs):
+        for note in overlap_notes:
             print_note(note)
     started = time.perf_counter()
     grid = build_grid(logs, config, gap=gap, track=track_scans if progress else None)
@@ -134,8 +111,9 @@ def map_logs(
         "scans_per_s": grid.n_scans / ingest_s,
         "bytes_on_disk": saved.bytes_on_disk,
         "resolution_m": resolution,
-        "gap_s": grid.config.grid.gap_s,
-        "evidence": evidence.value,
+        "gap_s": grid.gap_s,
+        "evidence": evidence,
+        "notes": overlap_notes,
         "sources": [
             {"path": log.source, "n_scans": len(log), "n_skipped": log.n_skipped, "notes": list(log.notes)}
             for log in logs
@@ -163,11 +141,19 @@ def default_map_path(log: Path) -> Path:
     return Path(name.name + MAP_SUFFIX)
 
 
-def overlaps(logs: list[Any]) -> list[str]:
-    """A note for each pair of logs, in order of their start, that overlap in time."""
-    ordered = sorted(logs, key=lambda log: int(log[0].stamp_ns))
-    return [
-        f"{earlier.source} and {later.source} overlap in time; their scans are merged by stamp"
-        for earlier, later in pairwise(ordered)
-        if later[0].stamp_ns <= earlier[-1].stamp_ns
-    ]
+def overlaps(logs: Sequence[ScanLog]) -> list[str]:
+    """A note for each log that begins before an earlier one has ended.
+
+    >>> from tempog import Scan, ScanLog
+    >>> spans = {"a": (0, 100), "b": (10, 20), "c": (50, 60), "d": (200, 300)}
+    >>> logs = [ScanLog([Scan(t, (0, 0, 0), [], []) for t in span], source=name) for name, span in spans.items()]
+    >>> [note[:13] for note in overlaps(logs)]
+    ['a and b overl', 'a and c overl']
+    """
+    ordered = sorted(logs, key=lambda log: log[0].stamp_ns)
+    notes, latest = [], ordered[0]
+    for log in ordered[1:]:
+        if log[0].stamp_ns <= latest[-1].stamp_ns:
+            notes.append(f"{latest.source} and {log.source} overlap in time; their scans are merged by stamp")
+        latest = max(latest, log, key=lambda log: log[-1].stamp_ns)
+    return notes

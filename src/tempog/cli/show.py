@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tempog.cli._output import ForceFlag, check_new_file, save_figure
+from tempog.cli._output import ForceFlag, check_new_picture, save_figure
 from tempog.cli.info import MapArgument
 from tempog.errors import ConfigError, TimeError
 from tempog.times import NS_PER_S
+from tempog.views.layers import MOMENT_LAYERS, Layer
 
 if TYPE_CHECKING:
     from tempog.grid.history import History
@@ -20,22 +20,12 @@ if TYPE_CHECKING:
 MOMENT_HELP = "seconds as in the log, +120 from the start, or a date like 2003-12-10T17:51:58Z"
 
 
-class LayerChoice(StrEnum):
-    """What to draw."""
-
-    occupancy = "occupancy"
-    static = "static"
-    dynamics = "dynamics"
-    classic = "classic"
-    age = "age"
-
-
 def show(
     map_path: MapArgument,
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="PICTURE", help="The file to write, e.g. out.png.")
     ],
-    layer: Annotated[LayerChoice, typer.Option(help="What to draw.")] = LayerChoice.occupancy,
+    layer: Annotated[Layer, typer.Option(help="What to draw.")] = "occupancy",
     at: Annotated[str | None, typer.Option(metavar="T", help=f"The moment to draw: {MOMENT_HELP}.")] = None,
     start: Annotated[str | None, typer.Option("--from", metavar="A", help="Begin of the period to draw.")] = None,
     stop: Annotated[str | None, typer.Option("--to", metavar="B", help="End of the period to draw.")] = None,
@@ -47,20 +37,20 @@ def show(
     """Draw one layer of a map."""
     if at is not None and (start is not None or stop is not None):
         raise ConfigError("--at names a moment, --from and --to a period; give one or the other")
-    check_new_file(output, force)
+    check_new_picture(output, force)
     from tempog.store.map_directory import open_map
-    from tempog.views.figures import MOMENT_LAYERS, draw_layer
+    from tempog.views.figures import draw_layer
 
-    if at is not None and layer.value not in MOMENT_LAYERS:
-        raise ConfigError(f"--at names a moment, but the {layer.value} layer shows a period; use --from and --to")
+    if at is not None and layer not in MOMENT_LAYERS:
+        raise ConfigError(f"--at names a moment, but the {layer} layer shows a period; use --from and --to")
     history: History = open_map(map_path)
     if at is not None:
         _require_covered(history, at)
     if start is not None or stop is not None:
         history = history.window(start, stop)
-    figure = draw_layer(history, layer.value, at=at, hold=hold, title=map_path.stem)
+    figure = draw_layer(history, layer, at=at, hold=hold, title=map_path.stem)
     save_figure(figure, output)
-    typer.echo(f"{output}: {layer.value} of {map_path}")
+    typer.echo(f"{output}: {layer} of {map_path}")
 
 
 def _require_covered(history: History, moment: str) -> None:

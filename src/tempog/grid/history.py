@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tempog.config import MapConfig
+from tempog.config import DEFAULT_GAP_S, MapConfig
 from tempog.errors import ConfigError, EmptyWindowError, TimeError
 from tempog.grid.segments import Runs, count_overlapping, latest_states
 from tempog.scans.scan import scan_period_s
@@ -149,7 +149,7 @@ class History(ABC):
     @property
     def start_ns(self) -> int:
         """Stamp of the first scan of the whole history, from which ``"+120"`` counts."""
-        self._require_scans()
+        self.require_scans()
         return int(self.stamps_ns[0])
 
     @property
@@ -163,6 +163,11 @@ class History(ABC):
     def scan_period_s(self) -> float:
         """Median seconds between scans; NaN for fewer than two."""
         return scan_period_s(self.stamps_ns)
+
+    @property
+    def gap_s(self) -> float:
+        """Seconds without a look from which on a cell counts as unseen (thres_1 of Fig. 4)."""
+        return DEFAULT_GAP_S if self.config.grid.gap_s is None else self.config.grid.gap_s
 
     @property
     def extent(self) -> Extent:
@@ -224,7 +229,7 @@ class History(ABC):
             No scan falls into the period.
         """
         stamps = self.stamps_ns
-        self._require_scans()
+        self.require_scans()
         start = self.parse_moment(t0) if t0 is not None else int(stamps[self.first_scan])
         stop = self.parse_moment(t1) if t1 is not None else int(stamps[self.last_scan])
         since = max(self.first_scan, int(np.searchsorted(stamps, start, side="left")))
@@ -240,10 +245,12 @@ class History(ABC):
     def history(self, x: float, y: float) -> CellHistory:
         """Every state of the cell at a point (map frame, metres); empty where nothing was ever observed.
 
-        Intervals that reach over the period's borders are given whole.
+        Intervals that reach over the period's borders are given whole. ConfigError for NaN and infinity.
         """
+        if not (math.isfinite(x) and math.isfinite(y)):
+            raise ConfigError(f"({x}, {y}) is not a place; wanted finite metres in the map frame")
         cell = NO_CELL
-        if max(abs(x), abs(y)) < FARTHEST_CELL * self.tiles.spec.resolution_m:  # false for NaN, too
+        if max(abs(x), abs(y)) < FARTHEST_CELL * self.tiles.spec.resolution_m:
             cell = self.tiles.cell_number(*self.tiles.spec.cell_of(x, y))
         pieces = self.runs_of_cell(cell) if cell != NO_CELL else []
         first = np.concatenate([piece[0] for piece in pieces] or [np.empty(0, np.int32)])
@@ -251,7 +258,7 @@ class History(ABC):
         value = np.concatenate([piece[2] for piece in pieces] or [np.empty(0, np.float32)])
         inside = (last >= self.first_scan) & (first <= self.last_scan)
         stamps = self.stamps_ns
-        return CellHistory(stamps[first[inside]], stamps[last[inside]], value[inside], self.config.grid.gap_s)
+        return CellHistory(stamps[first[inside]], stamps[last[inside]], value[inside], self.gap_s)
 
     def changes(self, t0: Moment, t1: Moment, hold: float = math.inf) -> Changes:
         """Cells that were occupied at one moment and free at the other.
@@ -288,7 +295,7 @@ class History(ABC):
         """Value and age in seconds of every numbered cell; NaN where unknown."""
         if not hold_s >= 0:
             raise ConfigError(f"hold = {hold_s!r} is not a duration; wanted seconds, 0 or more")
-        self._require_scans()
+        self.require_scans()
         stamps = self.stamps_ns
         until = min(self.last_scan, int(np.searchsorted(stamps, stamp_ns, side="right")) - 1)
         value, age_s = (np.full(self.tiles.n_cells, np.nan, dtype=np.float32) for _ in range(2))
@@ -298,10 +305,11 @@ class History(ABC):
             # An interval that goes on after the moment counts as seen just then.
             ages_s = (np.maximum(stamp_ns - stamps, 0) / NS_PER_S).astype(np.float32)
             for runs in self.runs():
-                latest_states(*runs, self.first_scan, until, oldest, ages_s, value, age_s)
+                latest_states(*runs, self.first_scan, self.last_scan, until, oldest, ages_s, value, age_s)
         return value, age_s
 
-    def _require_scans(self) -> None:
+    def require_scans(self) -> None:
+        """TimeError if there are none."""
         if len(self.stamps_ns) == 0:
             raise TimeError("the grid holds no scans yet, so it has no times; integrate a scan first")
 

@@ -111,14 +111,15 @@ def latest_states(
     first: NDArray[np.int32],
     last: NDArray[np.int32],
     value: NDArray[np.float32],
-    since: int,
+    first_scan: int,
+    last_scan: int,
     until: int,
     oldest: int,
     ages_s: NDArray[np.float32],
     out_value: NDArray[np.float32],
     out_age_s: NDArray[np.float32],
 ) -> None:
-    """Each cell's latest interval that began by scan `until` and was still seen at `since` or later.
+    """Each cell's latest interval that began by scan `until`, of what the scans `first_scan` to `last_scan` saw.
 
     oldest            the scan from which on a last look is recent enough; the state of others is unknown
     ages_s (n_scans,) seconds from each scan to the moment asked for, 0 for later ones
@@ -133,10 +134,11 @@ def latest_states(
             else:
                 high = middle
         k = np.uint64(low - 1)
-        if low > offsets[i] and last[k] >= since:
-            known = last[k] >= oldest
+        if low > offsets[i] and last[k] >= first_scan:
+            seen = min(last[k], last_scan)
+            known = seen >= oldest
             out_value[cells[i]] = value[k] if known else np.float32(np.nan)
-            out_age_s[cells[i]] = ages_s[np.uint64(last[k])] if known else np.float32(np.nan)
+            out_age_s[cells[i]] = ages_s[np.uint64(seen)] if known else np.float32(np.nan)
 
 
 @kernel

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tempog._arrays import grown
-from tempog.config import MapConfig, check_gap
+from tempog.config import DEFAULT_GAP, DEFAULT_GAP_S, MapConfig, check_gap, parse_gap
 from tempog.errors import ScanError
 from tempog.grid.history import History
 from tempog.grid.intervals import NEVER, extend_or_seal, sort_by_cell
@@ -33,6 +35,14 @@ class TemporalGrid(History):
     Parameters
     ----------
     config : MapConfig, optional
+    scan_period_s : float, seconds, optional
+        Typical time between scans, where it is known; the gap threshold is then checked against it at once,
+        and ten of them by default. Else it is checked against the first scans.
+
+    Raises
+    ------
+    ConfigError
+        A gap threshold shorter than the scan period.
 
     Attributes
     ----------
@@ -54,17 +64,22 @@ class TemporalGrid(History):
     [(0.0, 0.5, 0.9), (1.0, 1.5, 0.1)]
     """
 
-    def __init__(self, config: MapConfig | None = None) -> None:
-        self.config = config or MapConfig()
+    def __init__(self, config: MapConfig | None = None, *, scan_period_s: float = math.nan) -> None:
+        config = config or MapConfig()
+        gap_s = config.grid.gap_s
+        if gap_s is None:
+            gap_s = parse_gap(DEFAULT_GAP, scan_period_s) if scan_period_s > 0 else DEFAULT_GAP_S
+        check_gap(gap_s, scan_period_s)
+        self.config = replace(config, grid=replace(config.grid, gap_s=gap_s))
+        self._gap_judged = scan_period_s > 0
+        self._gap_ns = round(min(gap_s * NS_PER_S, MAX_NS))
         self.tiles = TileIndex(GridSpec(self.config.grid.resolution_m), self.config.grid.max_cells)
         self.surfaces = SurfaceMemory()
         self._sensor = Sensor(self.config)
-        self._gap_ns = round(min(self.config.grid.gap_s * NS_PER_S, MAX_NS))
         self._tolerance = np.float32(self.config.grid.tolerance)
         self._stamps_ns = np.empty(0, dtype=np.int64)
         self._poses = np.empty((0, 3))
         self._n_scans = 0
-        self._gap_judged = False
         # The open interval of every cell.
         self._first = np.empty(0, dtype=np.int32)
         self._last = np.empty(0, dtype=np.int32)
@@ -97,7 +112,8 @@ class TemporalGrid(History):
                 " a history is written in time order: sort the scans first"
             )
         if self._n_scans == SCANS_TO_JUDGE_GAP and not self._gap_judged:
-            check_gap(self.config.grid.gap_s, scan_period_s(self.stamps_ns))
+            check_gap(self.gap_s, scan_period_s(self.stamps_ns))
+            self._gap_judged = True
         statements = self._sensor.sense(scan, self.tiles, self.surfaces)
         self._open_runs = None
         self._append_scan(scan)
@@ -122,9 +138,9 @@ class TemporalGrid(History):
             self._sort_sealed()
 
     def integrate_many(self, scans: Iterable[Scan]) -> None:
-        """Add scans in order; as `integrate`, one by one, but a sequence's scan period is judged beforehand."""
-        if isinstance(scans, Sequence) and len(scans) > 1:
-            check_gap(self.config.grid.gap_s, scan_period_s([scan.stamp_ns for scan in scans]))
+        """Add scans in order; as `integrate` one by one, but a first sequence's scan period is judged beforehand."""
+        if isinstance(scans, Sequence) and len(scans) > 1 and self._n_scans == 0 and not self._gap_judged:
+            check_gap(self.gap_s, scan_period_s([scan.stamp_ns for scan in scans]))
             self._gap_judged = True
         for scan in scans:
             self.integrate(scan)
@@ -141,7 +157,10 @@ class TemporalGrid(History):
 
     @property
     def memory_bytes(self) -> int:
-        """Bytes held by the map: cells, intervals, hit points, scans and the working buffers of growth."""
+        """Bytes held by the map: cells, intervals, hit points and scans, with what is allocated for growth.
+
+        Not counted are the buffers that working on one scan takes, and answers kept until the next scan.
+        """
         cells = self._first.nbytes + self._last.nbytes + self._value.nbytes
         sealed = (
             self._sealed_cell.nbytes

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from tempog.errors import ConfigError, ScanError
 from tempog.scans.clock import UNUSABLE_STAMP_NS, mend_clock, parse_clock, seconds_to_ns
-from tempog.scans.laser_geometry import beam_angles, infer_sensor_max
+from tempog.scans.laser_geometry import beam_angles, check_sensor_max_range, infer_sensor_max
 from tempog.scans.scan import BadRows, Scan, ScanLog
 
 GZIP_MAGIC = b"\x1f\x8b"
@@ -164,12 +164,6 @@ def read_carmen(
     )
 
 
-def check_sensor_max_range(sensor_max_range: float | None) -> None:
-    """Raise ConfigError unless it is None or metres above 0."""
-    if sensor_max_range is not None and not sensor_max_range > 0:
-        raise ConfigError(f"sensor_max_range = {sensor_max_range!r}; wanted metres above 0")
-
-
 # ---- lines ---------------------------------------------------------------------------------------
 
 
@@ -205,22 +199,24 @@ def _collect(path: Path, laser: _Laser, bad: BadRows, sensor_max_range: float | 
             try:
                 if name == laser.explicit:
                     explicit.append(_parse_explicit(f"line {number}", line, sensor_max_range))
-                    plain.clear()
-                elif name == laser.plain and not explicit:
+                elif name == laser.plain:
                     plain.append(_parse_plain(f"line {number}", line))
                 elif name == b"PARAM":
                     _parse_param(f"line {number}", line, laser, params, notes)
             except _BadLineError as error:
                 bad.add(f"line {number}", str(error))
-    if explicit and n_messages[laser.plain]:
-        notes.append(
-            f"{n_messages[laser.plain]} {laser.plain.decode()} lines repeat the same sweeps and are left out;"
-            f" {laser.explicit.decode()} lines carry their own beam angles"
-        )
+    use_explicit = 2 * len(explicit) >= len(plain) and bool(explicit)
+    if explicit and plain:
+        (used, unused), n_unused = (laser.explicit, laser.plain), len(plain)
+        why = "they repeat the same sweeps, without beam angles of their own"
+        if not use_explicit:
+            (used, unused), n_unused, why = (laser.plain, laser.explicit), len(explicit), "they are few"
+        notes.append(f"{n_unused} {unused.decode()} lines are left out in favour of {used.decode()}: {why}")
     unknown = [name.decode() for name in n_messages if name not in KNOWN_MESSAGES]
     if unknown:
         notes.append(f"message types unknown to CARMEN are left out: {', '.join(unknown[:5])}")
-    return _Found(explicit or plain, params, n_messages, notes, laser.explicit if explicit else laser.plain, gzipped)
+    sweeps, message = (explicit, laser.explicit) if use_explicit else (plain, laser.plain)
+    return _Found(sweeps, params, n_messages, notes, message, gzipped)
 
 
 def _opened(path: Path) -> io.BufferedReader:

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from tempog.errors import ConfigError
+
 SICK_MAX_RANGE_M = 80.0  # what these logs' lasers can measure; 81.83..81.91 m are their error codes
 MIN_INFERRED_RANGE_M = 20.0  # below, a pile-up can as well be the walls of the room
 MIN_PILE_UP_SHARE = 0.001  # of all readings; aces has 0.8 %
@@ -98,3 +100,9 @@ def infer_sensor_max(ranges: Sequence[NDArray[np.float32]], xy: Sequence[tuple[f
     share = np.count_nonzero(values >= start) / n_readings
     # rounded down to a centimetre, so that float32 readings of the pile-up are not below it
     return math.floor(start * 100) / 100, f"where {share:.1%} of the readings pile up"
+
+
+def check_sensor_max_range(sensor_max_range: float | None) -> None:
+    """Raise ConfigError unless it is None or metres above 0."""
+    if sensor_max_range is not None and not sensor_max_range > 0:
+        raise ConfigError(f"sensor_max_range = {sensor_max_range!r}; wanted metres above 0")

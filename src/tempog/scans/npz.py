@@ -13,9 +13,7 @@ max_range   () or (1,)               the sensor's maximum range, metres
 
 from __future__ import annotations
 
-import contextlib
 import math
-import os
 import warnings
 import zipfile
 from collections.abc import Sequence
@@ -25,9 +23,10 @@ import numpy as np
 from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
+from tempog._files import whole_file
 from tempog.errors import ScanError
-from tempog.scans.carmen import check_sensor_max_range
 from tempog.scans.clock import UNUSABLE_STAMP_NS, mend_clock, parse_clock, seconds_to_ns
+from tempog.scans.laser_geometry import check_sensor_max_range
 from tempog.scans.scan import BadRows, Scan, ScanLog
 
 WANTED = "wanted: t, x, y, theta (n_scans,), angles (n_beams,), ranges (n_scans, n_beams), max_range ()"
@@ -155,9 +154,8 @@ def write_npz(path: str | Path, scans: Sequence[Scan]) -> None:
                 " or at other angles.\n"
                 "  An .npz holds scans of one sensor; write one file per sensor."
             )
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        with temporary.open("wb") as file:  # given a name instead, NumPy would append .npz
+        with whole_file(path) as unfinished, unfinished.open("wb") as file:  # given a name, NumPy would append .npz
             np.savez_compressed(
                 file,
                 t=np.array([scan.t for scan in scans]),
@@ -168,12 +166,8 @@ def write_npz(path: str | Path, scans: Sequence[Scan]) -> None:
                 ranges=np.stack([scan.ranges for scan in scans]),
                 max_range=np.float64(first.max_range),
             )
-        temporary.replace(path)
     except OSError as error:
         raise ScanError(f"cannot write {path}: {error.strerror or error}") from error
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
 
 
 def _load(path: Path, *, with_max_range: bool) -> dict[str, NDArray[np.float64] | NDArray[np.float32]]:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tempog.errors import ScanError
 
+MAX_ANGLE_RAD = 1e6  # rad; a heading that was never wrapped stays far below, a corrupt one does not
 MAX_STAMP_S = 9.2e9  # s; int64 nanoseconds end at 9.22e9 s, in the year 2262
 
 
@@ -68,19 +69,21 @@ class Scan:
                 raise ScanError(f"{where}stamp {t!r} s is not a usable time (wanted: within ±{MAX_STAMP_S:g} s)")
             stamp_ns = round(t * 1e9)
         self.stamp_ns = int(stamp_ns)
+        if abs(self.stamp_ns) >= MAX_STAMP_S * 1e9:
+            raise ScanError(f"{where}stamp {stamp_ns} ns is not a usable time (wanted: within ±{MAX_STAMP_S:g} s)")
         self.x, self.y, self.theta = (float(value) for value in pose)
-        if not (math.isfinite(self.x) and math.isfinite(self.y) and math.isfinite(self.theta)):
-            raise ScanError(f"{where}pose {(self.x, self.y, self.theta)} is not finite (wanted: m, m, rad)")
-        self.angles: NDArray[np.float64] = np.ascontiguousarray(angles, dtype=np.float64)
+        if not (math.isfinite(self.x) and math.isfinite(self.y) and abs(self.theta) <= MAX_ANGLE_RAD):
+            raise ScanError(f"{where}pose {(self.x, self.y, self.theta)} is not usable (wanted: finite m, m, rad)")
+        self.angles: NDArray[np.float64] = _owned(angles, np.float64)
         with np.errstate(over="ignore"):  # a reading too large for float32 is a beam without return
-            self.ranges: NDArray[np.float32] = np.ascontiguousarray(ranges, dtype=np.float32)
+            self.ranges: NDArray[np.float32] = _owned(ranges, np.float32)
         if self.angles.ndim != 1 or self.angles.shape != self.ranges.shape:
             raise ScanError(
                 f"{where}angles of shape {self.angles.shape} and ranges of shape {self.ranges.shape}"
                 " do not fit; wanted one angle and one range per beam"
             )
-        if not np.isfinite(self.angles).all():
-            raise ScanError(f"{where}some beam angles are not finite (wanted: radians)")
+        if not (np.abs(self.angles) <= MAX_ANGLE_RAD).all():  # also catches NaN
+            raise ScanError(f"{where}some beam angles are not usable (wanted: finite radians)")
         self.max_range = float(max_range)
         if not self.max_range > 0:
             raise ScanError(f"{where}the sensor's maximum range is {max_range!r}; wanted metres above 0")
@@ -94,6 +97,15 @@ class Scan:
         returns = int(np.count_nonzero((self.ranges > 0) & (self.ranges < self.max_range)))
         pose = (round(self.x, 3), round(self.y, 3), round(self.theta, 4))
         return f"Scan(t={self.t:.10g}, pose={pose}, {len(self.ranges)} beams, {returns} returns)"
+
+
+def _owned(values: ArrayLike, kind: type[np.generic]) -> NDArray[Any]:
+    """A read-only array that nobody else can change; one that is read-only already is shared."""
+    array = np.ascontiguousarray(values, dtype=kind)
+    if array.flags.writeable:
+        array = array.copy() if isinstance(values, np.ndarray) and np.may_share_memory(array, values) else array
+        array.flags.writeable = False
+    return array
 
 
 def scan_period_s(stamps_ns: Sequence[int] | NDArray[np.int64]) -> float:

@@ -20,6 +20,7 @@ import os
 import shutil
 import uuid
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
+
+try:
+    import fcntl
+except ImportError:  # Windows: no locks there
+    fcntl = None  # type: ignore[assignment]
 
 from tempog._version import __version__
 from tempog.config import MapConfig
@@ -80,6 +86,11 @@ def save_map(
         `path` exists and `force` is not set, or it is something other than a map, or cannot be written.
     """
     root = Path(path)
+    with _only_writer(root):
+        return _save(grid, root, sources, force)
+
+
+def _save(grid: TemporalGrid, root: Path, sources: Iterable[ScanLog], force: bool) -> Path:
     replaces = check_target(root, force)
     folder = root if replaces else root.with_name(f".{root.name}.{uuid.uuid4().hex[:8]}.unfinished")
     data = folder / f"data-{uuid.uuid4().hex[:8]}"
@@ -98,6 +109,26 @@ def save_map(
         else:
             shutil.rmtree(folder, ignore_errors=True)  # there only if it was not moved into place
     return root
+
+
+@contextmanager
+def _only_writer(root: Path) -> Iterator[None]:
+    """Keep other processes from replacing the map meanwhile; the lock goes with the process that holds it.
+
+    Two that make a new map of one name need no lock: the second cannot move its own into place.
+    """
+    if fcntl is None or not root.is_dir():
+        yield
+        return
+    descriptor = os.open(root, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise MapError(f"{root} is being written by another process; try again when it is done") from error
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def _clear_debris(root: Path) -> None:
@@ -216,6 +247,10 @@ class SavedMap(History):
             raise self._damaged(f"{file} points at cells or scans that do not exist")
 
     def _damaged(self, what: str) -> MapError:
+        if not self._data.is_dir():
+            with suppress(MapError):
+                if _read_manifest(self.path, any_version=True)["data"] != self.manifest["data"]:
+                    return MapError(f"{self.path}: the map was replaced since it was opened; open it again")
         return MapError(f"{self.path}: the map is damaged: {what}. Map the logs again, or restore a copy.")
 
 

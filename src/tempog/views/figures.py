@@ -6,7 +6,7 @@ Static is black, free white and unexplored grey throughout, as in the paper's fi
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 from matplotlib import colormaps
@@ -24,9 +24,7 @@ from tempog.errors import ConfigError
 from tempog.grid.history import History
 from tempog.sensing.grid_spec import Extent
 from tempog.times import Moment
-
-Layer = Literal["occupancy", "static", "dynamics", "classic", "age"]
-MOMENT_LAYERS = ("occupancy", "age")  # layers of one moment; the others are of a period
+from tempog.views.layers import MOMENT_LAYERS, Layer
 
 BLACK, WHITE, GREY, ORANGE = (0.07, 0.07, 0.09), (1.0, 1.0, 1.0), (0.74, 0.75, 0.77), (0.95, 0.55, 0.1)
 MARGIN_SHARE = 0.02  # of the longer side, unexplored space left around what was seen
@@ -38,7 +36,7 @@ MAX_DYNAMICS = 0.5
 # stands out from walls and floor. 0.1 is a cell in its rarer state for 7 % of the time, 0.3 for 25 %.
 FAINT_DYNAMICS, FULL_DYNAMICS = 0.1, 0.3
 
-Rgb = NDArray[np.float64]
+Rgb = NDArray[np.float32]
 
 
 class _Drawing(NamedTuple):
@@ -88,6 +86,7 @@ def draw_layer(
         raise ConfigError(f"layer = {layer!r} cannot work; wanted one of {', '.join(get_args(Layer))}")
     if at is not None and layer not in MOMENT_LAYERS:
         raise ConfigError(f"the {layer} layer shows a period, not a moment; use a window instead of at")
+    history.require_scans()
     is_moment = layer in MOMENT_LAYERS
     drawing = _moment_drawing(history, layer, at, hold) if is_moment else _period_drawing(history, layer)
     rgb, extent = _cropped(drawing.rgb, history.extent)
@@ -110,7 +109,7 @@ def draw_layer(
 
 
 def _moment_drawing(history: History, layer: str, at: Moment | None, hold: float) -> _Drawing:
-    moment = at if at is not None else int(history.stamps_ns[history.last_scan]) / 1e9
+    moment = at if at is not None else np.datetime64(int(history.stamps_ns[history.last_scan]), "ns")
     snapshot = history.at(moment, hold)
     when = history.format_moment(snapshot.stamp_ns)
     known = "last known state" if hold == math.inf else f"seen within {hold:g} s" if hold else "as observed"
@@ -121,7 +120,7 @@ def _moment_drawing(history: History, layer: str, at: Moment | None, hold: float
     age_s = snapshot.age_s.astype(np.float64)
     longest_s = max(10.0, float(np.nanmax(age_s))) if np.isfinite(age_s).any() else 10.0
     colours = ScalarMappable(LogNorm(1.0, longest_s), colormaps["viridis_r"])
-    rgb = colours.to_rgba(np.nan_to_num(np.maximum(age_s, 1.0), nan=1.0))[..., :3]
+    rgb = colours.to_rgba(np.nan_to_num(np.maximum(age_s, 1.0), nan=1.0))[..., :3].astype(np.float32)
     rgb[np.isnan(age_s)] = GREY
     return _Drawing(rgb, f"age at {when}", [_UNEXPLORED], colours, "seconds since last seen (1 s or less: lightest)")
 
@@ -137,11 +136,11 @@ def _period_drawing(history: History, layer: str) -> _Drawing:
     if layer == "static":
         legend = [(BLACK, "static"), (WHITE, "free"), (ORANGE, "changing"), _UNEXPLORED]
         return _Drawing(rgb, f"static map, {period}", legend)
-    rgb[np.all(rgb == np.array(ORANGE), axis=-1)] = WHITE
+    rgb[np.all(rgb == _rgb(ORANGE), axis=-1)] = WHITE
     dynamics = map_dynamics(history).astype(np.float64)
     colours = ScalarMappable(Normalize(0, MAX_DYNAMICS), colormaps["YlOrRd"])
     strength = np.clip((np.nan_to_num(dynamics) - FAINT_DYNAMICS) / (FULL_DYNAMICS - FAINT_DYNAMICS), 0, 1)[..., None]
-    rgb = rgb * (1 - strength) + colours.to_rgba(np.nan_to_num(dynamics))[..., :3] * strength
+    rgb = (rgb * (1 - strength) + colours.to_rgba(np.nan_to_num(dynamics))[..., :3] * strength).astype(np.float32)
     legend = [(BLACK, "static"), (WHITE, "free"), _UNEXPLORED]
     label = f"mean absolute deviation of P(occupied); under {FAINT_DYNAMICS:g} uncoloured"
     return _Drawing(rgb, f"dynamics, {period}", legend, colours, label)
@@ -150,17 +149,21 @@ def _period_drawing(history: History, layer: str) -> _Drawing:
 _UNEXPLORED = (GREY, "unexplored")
 
 
+def _rgb(colour: tuple[float, float, float]) -> Rgb:
+    return np.array(colour, dtype=np.float32)
+
+
 def _shades(occupied: NDArray[np.float32]) -> Rgb:
     """White for 0 to black for 1; grey for NaN."""
-    share = np.clip(occupied.astype(np.float64), 0, 1)[..., None]
-    rgb = np.array(WHITE) * (1 - share) + np.array(BLACK) * share
+    share = np.clip(occupied, 0, 1)[..., None]
+    rgb = _rgb(WHITE) * (1 - share) + _rgb(BLACK) * share
     rgb[np.isnan(occupied)] = GREY
     return rgb
 
 
 def _static_base(history: History) -> Rgb:
     classes = static_map(history)
-    rgb = np.empty((*classes.shape, 3))
+    rgb = np.empty((*classes.shape, 3), dtype=np.float32)
     for cell_class, colour in (
         (CellClass.UNEXPLORED, GREY),
         (CellClass.FREE, WHITE),
@@ -173,13 +176,13 @@ def _static_base(history: History) -> Rgb:
 
 def _cropped(rgb: Rgb, extent: Extent) -> tuple[Rgb, Extent]:
     """The part of a picture that holds something, in a grey margin, and where that part lies."""
-    seen = np.any(rgb != np.array(GREY), axis=-1)
+    seen = np.any(rgb != _rgb(GREY), axis=-1)
     if not seen.any():
         seen = np.ones_like(seen)
     rows, cols = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
     part = rgb[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
     margin = math.ceil(MARGIN_SHARE * max(part.shape)) + 1
-    framed = np.empty((part.shape[0] + 2 * margin, part.shape[1] + 2 * margin, 3))
+    framed = np.empty((part.shape[0] + 2 * margin, part.shape[1] + 2 * margin, 3), dtype=np.float32)
     framed[:] = GREY
     framed[margin:-margin, margin:-margin] = part
     row0, col0 = extent.row0 + int(rows[0]) - margin, extent.col0 + int(cols[0]) - margin
@@ -202,7 +205,7 @@ def _add_scale_bar(axes: Axes, rgb: Rgb, extent: Extent) -> None:
     wanted = width / 6
     decade = 10 ** math.floor(math.log10(wanted))
     length = max(step * decade for step in (1, 2, 5) if step * decade <= wanted)
-    seen = np.any(rgb != np.array(GREY), axis=-1)
+    seen = np.any(rgb != _rgb(GREY), axis=-1)
     n_rows, n_cols = max(extent.n_rows // 8, 1), max(round(1.2 * length / extent.resolution_m), 1)
     corners = {
         (0.015, 0.03): seen[:n_rows, :n_cols],

@@ -1,0 +1,8 @@
+"""What can be drawn. Kept apart from the drawing, so that the command line can name layers without Matplotlib."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+Layer = Literal["occupancy", "static", "dynamics", "classic", "age"]
+MOMENT_LAYERS = ("occupancy", "age")  # layers of one moment; the others are of a period

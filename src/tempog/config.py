@@ -73,6 +73,9 @@ class SensingConfig:
         ``surface``: how far from the line the third hit may lie.
     surface_min_hits : int
         ``surface``: hits from which on a cell's hit points are taken as its surface's shape.
+    clear_behind_m : float, metres
+        ``surface``: a beam finds a known surface gone only if it ends this far behind it, measured square to
+        the surface. Poses of different passes disagree by a decimetre or more in most logs.
     snap_m : float, metres
         ``surface``: a hit this close to a cell with many more hits than its own counts for that cell. Three
         standard deviations of a common scanner's range noise; without it, walls grow rims that flicker.
@@ -88,6 +91,7 @@ class SensingConfig:
     bridge_m: float = 1.0
     collinear_m: float = 0.05
     surface_min_hits: int = 4
+    clear_behind_m: float = 0.2
     snap_m: float = 0.03
 
     def __post_init__(self) -> None:
@@ -97,7 +101,7 @@ class SensingConfig:
         _require(0 < self.max_range_m < math.inf, "max_range_m", self.max_range_m, "metres above 0")
         _require(0.5 < self.prob_hit < 1, "prob_hit", self.prob_hit, "a probability between 0.5 and 1")
         _require(0 < self.prob_free < 0.5, "prob_free", self.prob_free, "a probability between 0 and 0.5")
-        for name in ("free_margin_m", "protect_m", "bridge_m", "collinear_m", "snap_m"):
+        for name in ("free_margin_m", "protect_m", "bridge_m", "collinear_m", "clear_behind_m", "snap_m"):
             value = getattr(self, name)
             _require(0 <= value <= 10, name, value, "metres from 0 to 10")
         _require(self.surface_min_hits >= 2, "surface_min_hits", self.surface_min_hits, "2 or more")

@@ -5,7 +5,8 @@ TempogError
 ├── ScanError           a scan or a scan log that cannot be used
 │   └── ClockError      its time stamps make no usable time axis
 ├── ExtentError         a scan would make the map absurdly large (usually a corrupt pose)
-├── TimeError           a moment that cannot be read, or that the map does not cover
+├── TimeError           a moment that the map does not cover
+│   ├── MomentError     what was given is no moment; also a ConfigError
 │   └── EmptyWindowError   no scan falls into the period asked for
 └── MapError            a saved map that cannot be read or written
 
@@ -35,7 +36,11 @@ class ExtentError(TempogError, ValueError):
 
 
 class TimeError(TempogError, ValueError):
-    """A moment that cannot be read, or that the map does not cover."""
+    """A moment that the map does not cover."""
+
+
+class MomentError(TimeError, ConfigError):
+    """Text or a value that is no moment, or a period that ends before it begins."""
 
 
 class EmptyWindowError(TimeError):

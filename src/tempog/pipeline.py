@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -11,7 +12,7 @@ from itertools import chain
 import numpy as np
 
 from tempog.config import MapConfig, parse_gap
-from tempog.errors import ScanError
+from tempog.errors import ExtentError, ScanError
 from tempog.grid.temporal_grid import TemporalGrid
 from tempog.scans.clock import mend_clock, parse_clock
 from tempog.scans.scan import Scan, ScanLog, scan_period_s
@@ -22,6 +23,7 @@ def build_grid(
     config: MapConfig | None = None,
     *,
     gap: str | None = None,
+    skip_far: bool = False,
     track: Callable[[list[Scan]], Iterable[Scan]] | None = None,
 ) -> TemporalGrid:
     """A temporal grid of one log, or of several that are merged by time.
@@ -35,6 +37,9 @@ def build_grid(
     gap : str, optional
         thres_1 of Fig. 4 as ``"2s"`` or ``"10scans"``, in place of the `gap_s` of `config`. Of several
         logs, the slowest sets what a scan lasts.
+    skip_far : bool
+        Leave out scans that would stretch the map beyond `GridConfig.max_cells`, with a warning, instead of
+        stopping at the first.
     track : callable, optional
         Wraps the list of scans on its way in; for a progress bar.
 
@@ -44,6 +49,8 @@ def build_grid(
         No scans.
     ClockError
         Scans in no log whose stamps make no usable time axis.
+    ExtentError
+        A scan that lies absurdly far off, and `skip_far` is not set; or half of them do.
     ConfigError
         A gap that does not fit the scan rate.
 
@@ -61,8 +68,16 @@ def build_grid(
         config = replace(config, grid=replace(config.grid, gap_s=parse_gap(gap, period_s)))
     grid = TemporalGrid(config, scan_period_s=period_s)
     ordered = sorted(chain.from_iterable(logs), key=lambda scan: scan.stamp_ns)
+    far: list[str] = []
     for scan in ordered if track is None else track(ordered):
-        grid.integrate(scan)  # Fig. 4
+        try:
+            grid.integrate(scan)  # Fig. 4
+        except ExtentError as error:
+            far.append(str(error))
+            if not skip_far or 2 * len(far) > len(ordered):
+                raise
+    if far:
+        warnings.warn(f"{len(far)} of {len(ordered)} scans left out; the first: {far[0]}", stacklevel=2)
     return grid
 
 
@@ -73,6 +88,8 @@ def _period_s(log: Sequence[Scan]) -> float:
 def _as_logs(scans: Iterable[Scan] | Iterable[ScanLog]) -> list[Sequence[Scan]]:
     if isinstance(scans, ScanLog):
         return [scans]
+    if isinstance(scans, str | os.PathLike):
+        raise ScanError(f"scans is the path {str(scans)!r}; wanted scans: build_grid(open_scans({str(scans)!r}))")
     logs: list[Sequence[Scan]] = []
     loose: list[Scan] = []
     for item in scans:

@@ -7,7 +7,7 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
-from tempog.errors import TimeError
+from tempog.errors import MomentError
 
 Moment = float | int | str | datetime | np.datetime64
 NS_PER_S = 1_000_000_000
@@ -28,7 +28,7 @@ def parse_moment(moment: Moment, start_ns: int) -> int:
 
     Raises
     ------
-    TimeError
+    MomentError
         Anything else.
 
     Examples
@@ -50,7 +50,7 @@ def parse_moment(moment: Moment, start_ns: int) -> int:
     if isinstance(moment, int):
         return _in_range(moment * NS_PER_S, moment)
     if not isinstance(moment, float | np.floating | np.integer):
-        raise TimeError(f"{moment!r} is not a moment; wanted seconds, text, a datetime or a numpy.datetime64")
+        raise MomentError(f"{moment!r} is not a moment; wanted seconds, text, a datetime or a numpy.datetime64")
     return _from_seconds(float(moment), moment)
 
 
@@ -82,7 +82,7 @@ def _parse_text(text: str, start_ns: int) -> int:
     try:
         date = datetime.fromisoformat(trimmed)
     except ValueError:
-        raise TimeError(
+        raise MomentError(
             f"{text!r} is not a moment; wanted seconds as in the log (1071078718.5), +120 for seconds after the"
             " first scan, or a date like 2003-12-10T17:51:58Z"
         ) from None
@@ -91,12 +91,12 @@ def _parse_text(text: str, start_ns: int) -> int:
 
 def _from_seconds(seconds: float, shown: object) -> int:
     if not math.isfinite(seconds):
-        raise TimeError(f"{shown!r} is not a moment; wanted a finite number of seconds")
+        raise MomentError(f"{shown!r} is not a moment; wanted a finite number of seconds")
     nanoseconds = seconds * NS_PER_S
     return _in_range(round(nanoseconds) if math.isfinite(nanoseconds) else MAX_NS + 1, shown)
 
 
 def _in_range(nanoseconds: int, shown: object) -> int:
     if abs(nanoseconds) > MAX_NS:
-        raise TimeError(f"{shown!r} is outside what can be stored, the years 1678 to 2262")
+        raise MomentError(f"{shown!r} is outside what can be stored, the years 1678 to 2262")
     return nanoseconds

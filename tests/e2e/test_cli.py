@@ -187,7 +187,8 @@ def test_show_at_two_moments_gives_two_pictures(tempog: Tempog, corridor_map: Pa
     [
         (["--at", "+10", "--from", "+5"], 2, "--at"),
         (["--at", "+10", "--layer", "static"], 2, "--from"),
-        (["--at", "tomorrow"], 1, "tomorrow"),
+        (["--at", "tomorrow"], 2, "tomorrow"),
+        (["--from", "+20", "--to", "+10"], 2, "exchange"),
         (["--at", "+1000"], 1, "+59.9"),
         (["--from", "+1000", "--to", "+2000"], 1, "no scan"),
         (["--hold", "-1"], 2, "hold"),

@@ -210,8 +210,21 @@ def test_a_place_outside_the_map_is_answered_without_reading_intervals(saved, gr
 
 
 def test_opening_reads_no_intervals(saved):
-    (data_of(saved) / "intervals.parquet").unlink()
+    (data_of(saved) / "intervals.parquet").write_bytes(b"not looked at")
     assert open_map(saved).n_scans == 12
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_a_missing_table_is_told_when_the_map_is_opened(saved, table):
+    (data_of(saved) / f"{table}.parquet").unlink()
+    with pytest.raises(MapError, match=rf"{table}\.parquet is missing"):
+        open_map(saved)
+
+
+def test_an_opened_map_can_be_saved_again(saved, tmp_path):
+    copy = save_map(open_map(saved), tmp_path / "copy")
+    for got, wanted in zip(open_map(copy).all_runs(), open_map(saved).all_runs(), strict=True):
+        np.testing.assert_array_equal(got, wanted)
 
 
 def test_after_all_intervals_were_read_a_history_needs_no_file(saved, groups_read):

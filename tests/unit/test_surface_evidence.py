@@ -226,19 +226,30 @@ def test_a_surface_is_known_from_surface_min_hits_on():
     assert not frees_surface(grid_with_surface(n_hits=6, surface_min_hits=6), (0.01, 0.040), (2.0, 0.040))
 
 
-def test_a_beam_that_ends_less_than_a_margin_behind_the_known_surface_says_nothing():
-    assert not frees_surface(grid_with_surface(), (0.01, 0.010), (1.11, 0.010))
-    assert frees_surface(grid_with_surface(), (0.01, 0.010), (1.16, 0.010))
+@pytest.mark.parametrize("clear_behind_m", [0.15, 0.3])
+def test_a_beam_that_ends_too_close_behind_the_known_surface_says_nothing(clear_behind_m):
+    for off, frees in ((-0.02, False), (0.02, True)):
+        grid = grid_with_surface(clear_behind_m=clear_behind_m)
+        assert frees_surface(grid, (0.01, 0.010), (1.02 + clear_behind_m + off, 0.010)) == frees
+
+
+def test_how_far_behind_the_known_surface_a_beam_ends_is_measured_square_to_it():
+    # thirty degrees off the line x = 1.02, through the hits: 0.3 m along the beam are 0.15 m square to the line
+    def end(metres: float) -> tuple[float, float]:
+        return (1.02 + metres * math.sin(math.pi / 6), 0.01 + metres * math.cos(math.pi / 6))
+
+    for behind, frees in ((0.3, False), (0.5, True)):
+        assert frees_surface(grid_with_surface(clear_behind_m=0.2), end(-1.0), end(behind)) == frees
 
 
 def test_a_beam_along_the_known_surface_says_nothing():
-    # five degrees off the line x = 1.02, crossing it right at the hits
-    lean = math.tan(math.radians(5))
+    # fifteen degrees off the line x = 1.02, crossing it right at the hits
+    lean = math.tan(math.radians(15))
     assert not frees_surface(grid_with_surface(), (1.02 - lean, -0.99), (1.02 + lean, 1.01))
 
 
-def test_a_beam_at_ten_degrees_to_the_known_surface_frees_its_cell():
-    lean = math.tan(math.radians(10))
+def test_a_beam_at_twenty_degrees_to_the_known_surface_frees_its_cell():
+    lean = math.tan(math.radians(20))
     assert frees_surface(grid_with_surface(), (1.02 - lean, -0.99), (1.02 + lean, 1.01))
 
 

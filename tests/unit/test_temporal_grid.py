@@ -13,7 +13,15 @@ from tempog.analysis.dynamics import map_dynamics
 from tempog.analysis.occupancy import occupancy_grid
 from tempog.analysis.static import CellClass, static_map
 from tempog.config import GridConfig, MapConfig, SensingConfig
-from tempog.errors import ClockError, ConfigError, EmptyWindowError, ScanError, TimeError
+from tempog.errors import (
+    ClockError,
+    ConfigError,
+    EmptyWindowError,
+    ExtentError,
+    MomentError,
+    ScanError,
+    TimeError,
+)
 from tempog.grid.temporal_grid import TemporalGrid
 from tempog.pipeline import build_grid
 from tempog.scans.scan import Scan, ScanLog
@@ -337,7 +345,7 @@ def test_seconds_from_the_start_count_from_the_whole_historys_start_in_a_window_
     assert grid.window("+2").window("+3").n_scans == 2
 
 
-@pytest.mark.parametrize(("t0", "t1"), [(1.2, 1.8), (9.0, 10.0), (-2.0, -1.0), (3.0, 1.0)])
+@pytest.mark.parametrize(("t0", "t1"), [(1.2, 1.8), (9.0, 10.0), (-2.0, -1.0)])
 def test_a_window_without_scans_is_refused_with_what_there_is(t0, t1):
     grid = grid_of(*(beam(float(k)) for k in range(5)))
     with pytest.raises(EmptyWindowError, match=r"no scan between .* the scans run from \+0\.0 s to \+4\.0 s"):
@@ -456,3 +464,37 @@ def test_the_examples_in_the_docstrings_give_what_they_show(module):
     result = doctest.testmod(importlib.import_module(f"tempog.{module}"))
     assert result.attempted > 0
     assert result.failed == 0
+
+
+def test_a_window_that_ends_before_it_begins_is_refused():
+    with pytest.raises(MomentError, match="exchange the two"):
+        grid_of(beam(0.0), beam(1.0)).window(1.0, 0.0)
+
+
+def test_scans_far_off_are_left_out_when_asked():
+    config = MapConfig(grid=GridConfig(max_cells=2**20))
+    scans = [beam(0.1 * k) for k in range(9)] + [Scan(1.0, (9e4, 0.0, 0.0), [0.0], [2.0])]
+    with pytest.raises(ExtentError):
+        build_grid(scans, config)
+    with pytest.warns(UserWarning, match="1 of 10 scans left out"):
+        assert build_grid(scans, config, skip_far=True).n_scans == 9
+
+
+def test_half_of_the_scans_far_off_are_too_many_to_leave_out():
+    config = MapConfig(grid=GridConfig(max_cells=2**20))
+    scans = [beam(0.0), *(Scan(0.1 * k, (9e4, 0.0, 0.0), [0.0], [2.0]) for k in range(1, 4))]
+    with pytest.raises(ExtentError):
+        build_grid(scans, config, skip_far=True)
+
+
+def test_a_history_is_a_sequence_of_intervals():
+    history = grid_of(beam(0.0), beam(0.5, distance=3.0)).history(2.02, 0.02)
+    assert history[0] == next(iter(history))
+    assert history[-1].value < 0.5 < history[0].value
+    assert history[:1] == [history[0]]
+
+
+@pytest.mark.parametrize("wrong", ["log.npz", GridConfig()])
+def test_what_is_no_scans_or_no_settings_is_told(wrong):
+    with pytest.raises((ScanError, ConfigError), match="wanted"):
+        build_grid(wrong) if isinstance(wrong, str) else TemporalGrid(wrong)

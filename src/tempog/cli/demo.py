@@ -18,6 +18,7 @@ from tempog.cli._output import (
     track_scans,
     wants_progress,
 )
+from tempog.errors import MapError
 from tempog.times import NS_PER_S
 
 if TYPE_CHECKING:
@@ -41,6 +42,8 @@ def demo(
     from tempog.views.figures import draw_layer
 
     pictures = {name: output / f"{name}.png" for name in ("door-open", "door-closed", "dynamics", "static")}
+    if output.exists() and not output.is_dir():
+        raise MapError(f"{output} is a file; name a directory for the demo's map and pictures")
     output.mkdir(parents=True, exist_ok=True)
     map_path = output / "corridor.tempog"
     check_target(map_path, force)

@@ -40,10 +40,10 @@ def history(
         gaps = [{"start_s": start / NS_PER_S, "stop_s": stop / NS_PER_S} for start, stop in states.gaps.tolist()]
         print_json({"map": str(map_path), "x": x, "y": y, "intervals": intervals, "gaps": gaps})
         return
-    row, col = saved.tiles.spec.cell_of(x, y)
     if not len(states):
-        typer.echo(f"({x:g}, {y:g}) m, cell [{row}, {col}]: never observed")
+        typer.echo(f"({x:g}, {y:g}) m: never observed")
         return
+    row, col = saved.tiles.spec.cell_of(x, y)
     occupied = states.value > 0.5
     typer.echo(
         f"({x:g}, {y:g}) m, cell [{row}, {col}]: {len(states)} intervals, {int(occupied.sum())} occupied,"

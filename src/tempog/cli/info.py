@@ -46,7 +46,7 @@ def info(map_path: MapArgument, json: JsonFlag = False) -> None:
         "area": f"x {x_min:.1f} to {x_max:.1f} m, y {y_min:.1f} to {y_max:.1f} m",
         "cells": f"{count_text(manifest['n_cells'])} seen",
         "intervals": count_text(manifest["n_intervals"]),
-        "settings": ", ".join(f"{name} {value}" for name, value in settings.items()),
+        "settings": ", ".join(setting_text(name, value) for name, value in settings.items()),
     }
     for name, text in rows.items():
         typer.echo(f"{name:10} {text}")
@@ -54,3 +54,8 @@ def info(map_path: MapArgument, json: JsonFlag = False) -> None:
         typer.echo(f"{'source':10} {source['path']}: {source['format']}, {count_text(source['n_scans'])} scans")
         for note in source["notes"]:
             typer.echo(f"{'':10} note: {note}")
+
+
+def setting_text(name: str, value: Any) -> str:
+    """A setting without the digits that only binary fractions have."""
+    return f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import time
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -22,7 +24,8 @@ from tempog.cli._output import (
     track_scans,
     wants_progress,
 )
-from tempog.config import DEFAULT_GAP, Evidence, GridConfig, MapConfig, NoReturn, SensingConfig
+from tempog.config import DEFAULT_GAP, Evidence, GridConfig, MapConfig, NoReturn, SensingConfig, parse_gap
+from tempog.errors import ScanError
 
 if TYPE_CHECKING:
     from tempog.scans.scan import ScanLog
@@ -73,7 +76,11 @@ def map_logs(
         SensingConfig(evidence=evidence, max_range_m=max_range, no_return=no_return),
         GridConfig(resolution_m=resolution, tolerance=tolerance, max_cells=max_cells),
     )
+    parse_gap(gap, math.nan)  # says at once if it is no duration
     path = output or default_map_path(inputs[0])
+    for source in inputs:
+        if (source / "map.json").is_file():
+            raise ScanError(f"{source} is a map, not a log; look at it with: tempog show {source} -o map.png")
     # These import Numba and pyarrow, which --help should not wait for.
     from tempog.pipeline import build_grid
     from tempog.scans.open import open_scans
@@ -87,17 +94,21 @@ def map_logs(
             logs.append(
                 open_scans(source, clock=clock, skip_bad=skip_bad, laser=laser, sensor_max_range=sensor_max_range)
             )
-    overlap_notes = overlaps(logs)
+    map_notes = overlaps(logs)
     if not quiet and not json:
         for log in logs:
             typer.echo(f"{log.source}: {log.format}, {len(log)} scans, {duration_text(log.duration_s)}")
             for note in log.notes:
                 print_note(note)
-        for note in overlap_notes:
-            print_note(note)
     started = time.perf_counter()
-    grid = build_grid(logs, config, gap=gap, track=track_scans if progress else None)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        grid = build_grid(logs, config, gap=gap, skip_far=skip_bad, track=track_scans if progress else None)
     ingest_s = time.perf_counter() - started
+    map_notes += [str(warning.message) for warning in caught]
+    if not quiet and not json:
+        for note in map_notes:
+            print_note(note)
     with status(f"writing {path}", progress):
         save_map(grid, path, sources=logs, force=force)
     saved = open_map(path)
@@ -113,7 +124,7 @@ def map_logs(
         "resolution_m": resolution,
         "gap_s": grid.gap_s,
         "evidence": evidence,
-        "notes": overlap_notes,
+        "notes": map_notes,
         "sources": [
             {"path": log.source, "n_scans": len(log), "n_skipped": log.n_skipped, "notes": list(log.notes)}
             for log in logs

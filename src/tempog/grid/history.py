@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tempog.config import DEFAULT_GAP_S, MapConfig
-from tempog.errors import ConfigError, EmptyWindowError, TimeError
-from tempog.grid.segments import Runs, count_overlapping, latest_states
+from tempog.errors import ConfigError, EmptyWindowError, MomentError, TimeError
+from tempog.grid.segments import Runs, count_overlapping, join, latest_states
 from tempog.scans.scan import scan_period_s
 from tempog.sensing.grid_spec import Extent
 from tempog.sensing.tiles import FARTHEST_CELL, NO_CELL, TileIndex
@@ -51,8 +51,8 @@ class Interval(NamedTuple):
 
 
 @dataclass(frozen=True)
-class CellHistory:
-    """Every state one cell has had, in time order; iterate over it for `Interval`.
+class CellHistory(Sequence[Interval]):
+    """Every state one cell has had, in time order: a sequence of `Interval`.
 
     Attributes
     ----------
@@ -72,9 +72,14 @@ class CellHistory:
     def __len__(self) -> int:
         return len(self.value)
 
-    def __iter__(self) -> Iterator[Interval]:
-        for start, stop, value in zip(self.start_ns, self.stop_ns, self.value, strict=True):
-            yield Interval(int(start), int(stop), float(value))
+    @overload
+    def __getitem__(self, index: int) -> Interval: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Interval]: ...
+    def __getitem__(self, index: int | slice) -> Interval | list[Interval]:
+        if isinstance(index, slice):
+            return [self[k] for k in range(*index.indices(len(self)))]
+        return Interval(int(self.start_ns[index]), int(self.stop_ns[index]), float(self.value[index]))
 
     @property
     def gaps(self) -> NDArray[np.int64]:
@@ -128,6 +133,10 @@ class History(ABC):
     @abstractmethod
     def runs_of_cell(self, cell: int) -> list[tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]]:
         """First scans, last scans and values of one cell's intervals, in pieces in time order."""
+
+    def all_runs(self) -> Runs:
+        """All intervals in one sorted set."""
+        return join(list(self.runs()))
 
     # The period: a window narrows it.
 
@@ -227,11 +236,18 @@ class History(ABC):
         ------
         EmptyWindowError
             No scan falls into the period.
+        MomentError
+            `t0` or `t1` is no moment, or `t1` comes before `t0`.
         """
         stamps = self.stamps_ns
         self.require_scans()
         start = self.parse_moment(t0) if t0 is not None else int(stamps[self.first_scan])
         stop = self.parse_moment(t1) if t1 is not None else int(stamps[self.last_scan])
+        if start > stop:
+            raise MomentError(
+                f"the period from {self.format_moment(start)} to {self.format_moment(stop)} ends before it begins;"
+                " exchange the two"
+            )
         since = max(self.first_scan, int(np.searchsorted(stamps, start, side="left")))
         until = min(self.last_scan, int(np.searchsorted(stamps, stop, side="right")) - 1)
         if since > until:

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from tempog._arrays import grown
 from tempog.config import DEFAULT_GAP, DEFAULT_GAP_S, MapConfig, check_gap, parse_gap
-from tempog.errors import ScanError
+from tempog.errors import ConfigError, ScanError
 from tempog.grid.history import History
 from tempog.grid.intervals import NEVER, extend_or_seal, sort_by_cell
-from tempog.grid.segments import Runs, SegmentStack, join
+from tempog.grid.segments import Runs, SegmentStack
 from tempog.scans.scan import Scan, scan_period_s
 from tempog.sensing.evidence import Sensor
 from tempog.sensing.grid_spec import GridSpec
@@ -66,6 +66,8 @@ class TemporalGrid(History):
 
     def __init__(self, config: MapConfig | None = None, *, scan_period_s: float = math.nan) -> None:
         config = config or MapConfig()
+        if not isinstance(config, MapConfig):
+            raise ConfigError(f"config is a {type(config).__name__}; wanted MapConfig(sensing=..., grid=...)")
         gap_s = config.grid.gap_s
         if gap_s is None:
             gap_s = parse_gap(DEFAULT_GAP, scan_period_s) if scan_period_s > 0 else DEFAULT_GAP_S
@@ -181,10 +183,6 @@ class TemporalGrid(History):
             offsets = np.arange(len(cells) + 1, dtype=np.int64)
             self._open_runs = Runs(cells, offsets, self._first[cells], self._last[cells], self._value[cells])
         yield self._open_runs
-
-    def all_runs(self) -> Runs:
-        """All intervals in one sorted set."""
-        return join(list(self.runs()))
 
     def runs_of_cell(self, cell: int) -> list[tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]]:
         """First scans, last scans and values of one cell's intervals, in pieces in time order."""

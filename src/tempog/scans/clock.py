@@ -257,4 +257,4 @@ class _Refusal:
 
     def _place(self, i: int) -> str:
         now_s, before_s = self.stamp_ns[i] / 1e9, self.stamp_ns[i - 1] / 1e9
-        return f"{self.source}, {self.labels[i]}: stamp {now_s:.10g} s comes after {before_s:.10g} s"
+        return f"{self.source}, {self.labels[i]}: stamp {now_s:.6f} s comes after {before_s:.6f} s"

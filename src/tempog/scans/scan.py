@@ -71,6 +71,8 @@ class Scan:
         self.stamp_ns = int(stamp_ns)
         if abs(self.stamp_ns) >= MAX_STAMP_S * 1e9:
             raise ScanError(f"{where}stamp {stamp_ns} ns is not a usable time (wanted: within ±{MAX_STAMP_S:g} s)")
+        if len(pose) != 3:
+            raise ScanError(f"{where}pose {pose!r} has {len(pose)} numbers; wanted x, y (m) and theta (rad)")
         self.x, self.y, self.theta = (float(value) for value in pose)
         if not (math.isfinite(self.x) and math.isfinite(self.y) and abs(self.theta) <= MAX_ANGLE_RAD):
             raise ScanError(f"{where}pose {(self.x, self.y, self.theta)} is not usable (wanted: finite m, m, rad)")

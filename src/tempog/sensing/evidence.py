@@ -123,6 +123,7 @@ class Sensor:
                 self._is_hit,
                 *where,
                 config.free_margin_m,
+                config.clear_behind_m,
                 config.surface_min_hits,
                 *directory,
                 surfaces.slot_of_cell,
@@ -187,8 +188,8 @@ class Sensor:
         if max(abs(scan.x), abs(scan.y)) + self.config.max_range_m > farthest_m:
             raise ExtentError(
                 f"{scan.label or 'the scan'} at {scan.t:.3f} s has pose ({scan.x:g}, {scan.y:g});"
-                f" wanted coordinates within ±{farthest_m:.3g} m. Is it corrupt? Leave the scan out,"
-                " or shift the log's origin."
+                f" wanted coordinates within ±{farthest_m:.3g} m. Is it corrupt? Leave the scan out (--skip-bad, or"
+                " skip_far=True in Python), or shift the log's origin."
             )
         x_min, x_max, y_min, y_max = kernels.aim(
             scan.angles,

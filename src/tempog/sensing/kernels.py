@@ -28,9 +28,9 @@ NEIGHBOURS = 2
 
 # A cell beside a wall gets under a fifth of the wall's hits if the wall's face is a standard deviation away.
 STRAY_RATIO = 4
-# Beams that run along a surface within this angle say nothing about it (sine of 6 degrees): a pose error
-# of half a degree would move where they cross it by a tenth of its distance.
-MIN_CROSSING_SINE = 0.1
+# Beams that cross a surface at less than this angle say nothing about it (sine of 17 degrees): where a beam
+# that nearly runs along a wall crosses it depends on the last half degree of the robot's heading.
+MIN_CROSSING_SINE = 0.3
 # Half of the length of hit points that are spread evenly over a cell, in standard deviations, is sqrt(3).
 EXTENT_SIGMAS = 1.8
 # ... and never less than this to either side, m: identical hit points still have a beam's width.
@@ -338,6 +338,7 @@ def free_surface(
     shift: int,
     resolution: float,
     margin: float,
+    clear_behind: float,
     min_hits: int,
     directory: NDArray[np.int32],
     dir_row0: int,
@@ -356,7 +357,8 @@ def free_surface(
     A cell is left out where a surface is near in this scan (state PROTECTED), and where the beam leaves it
     less than `margin` before its end. A cell with at least `min_hits` hit points in its past holds a known
     surface: only a beam that crosses the line through those points, within their extent, and ends at least
-    `margin` behind it, finds the surface gone. `note` keeps the surface's slot for the window's cell.
+    `clear_behind` behind that line, measured square to it, finds the surface gone. `note` keeps the
+    surface's slot for the window's cell.
     """
     mask = (1 << shift) - 1
     n = n_touched
@@ -411,6 +413,7 @@ def free_surface(
                     if (
                         at_beam >= 0
                         and at_beam <= limit
+                        and (not is_hit[i] or (length - at_beam) * abs(crossing) >= clear_behind)
                         and abs(at_line) <= EXTENT_SIGMAS * math.sqrt(max(variance, 0.0)) + MIN_EXTENT
                     ):
                         state[k] = FREE

@@ -144,8 +144,8 @@ class TileIndex:
         raise ExtentError(
             f"{label} would stretch the map to {n_cols * side_m:.4g} m x {n_rows * side_m:.4g} m,"
             f" {n_rows * n_cols * TILE_CELLS:.3g} cells (allowed: {self.max_cells:.3g})."
-            " Is its pose corrupt? If the site really is this large, use a coarser resolution"
-            " or raise max_cells."
+            " Is its pose corrupt? Then leave the scan out (--skip-bad; skip_far=True in Python). If the site really"
+            " is this large, use a coarser --resolution, or raise --max-cells (max_cells in Python)."
         )
 
     def reserve(self, n_more: int) -> None:

@@ -158,7 +158,8 @@ def simulate(world: World, duration_s: float | None = None, seed: int = 0) -> Si
         cast_beams(x, y, angles_map, segments, discs, float(laser.max_range_m), distances[k], ids[k])
 
     rng = np.random.default_rng(seed)
-    ranges = np.maximum(distances + rng.normal(0.0, laser.sigma_m, distances.shape), SHORTEST_RANGE_M)
+    ranges = distances + rng.normal(0.0, laser.sigma_m, distances.shape)
+    ranges = np.maximum(np.round(ranges, 3), SHORTEST_RANGE_M)  # a sensor tells whole millimetres
     lost = rng.random(distances.shape) < laser.dropout
     ranges[lost | (ranges >= laser.max_range_m)] = np.inf
     scans = [

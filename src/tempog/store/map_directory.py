@@ -62,7 +62,7 @@ TABLES = {
 
 
 def save_map(
-    grid: TemporalGrid,
+    grid: TemporalGrid | SavedMap,
     path: str | os.PathLike[str],
     *,
     sources: Iterable[ScanLog] = (),
@@ -72,7 +72,7 @@ def save_map(
 
     Parameters
     ----------
-    grid : TemporalGrid
+    grid : TemporalGrid or SavedMap
     path : path
         The directory to make.
     sources : iterable of ScanLog
@@ -90,7 +90,7 @@ def save_map(
         return _save(grid, root, sources, force)
 
 
-def _save(grid: TemporalGrid, root: Path, sources: Iterable[ScanLog], force: bool) -> Path:
+def _save(grid: TemporalGrid | SavedMap, root: Path, sources: Iterable[ScanLog], force: bool) -> Path:
     replaces = check_target(root, force)
     folder = root if replaces else root.with_name(f".{root.name}.{uuid.uuid4().hex[:8]}.unfinished")
     data = folder / f"data-{uuid.uuid4().hex[:8]}"
@@ -165,6 +165,9 @@ class SavedMap(History):
         self.path = Path(path)
         self.manifest = _read_manifest(self.path)
         self._data = self.path / self.manifest["data"]
+        for name in TABLES:
+            if not (self._data / f"{name}.parquet").is_file():
+                raise self._damaged(f"{name}.parquet is missing")
         scans = self._read("scans")
         self._stamps_ns: NDArray[np.int64] = scans["stamp_ns"]
         self.poses: NDArray[np.float64] = np.stack([scans["x"], scans["y"], scans["theta"]], axis=-1)
@@ -274,7 +277,7 @@ def check_target(root: Path, force: bool) -> bool:
     return True
 
 
-def _write_tables(grid: TemporalGrid, data: Path) -> None:
+def _write_tables(grid: TemporalGrid | SavedMap, data: Path) -> None:
     tiles, surfaces = grid.tiles, grid.surfaces
     poses = grid.poses
     _write(
@@ -330,7 +333,7 @@ def _write(
     _sync(path)
 
 
-def _manifest(grid: TemporalGrid, data: str, sources: Iterable[ScanLog]) -> dict[str, Any]:
+def _manifest(grid: TemporalGrid | SavedMap, data: str, sources: Iterable[ScanLog]) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,

@@ -12,13 +12,13 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LogNorm, Normalize
+from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from tempog.analysis.dynamics import map_dynamics
-from tempog.analysis.occupancy import occupancy_grid
+from tempog.analysis.occupancy import CLAMP_PROB_HIGH, CLAMP_PROB_LOW, occupancy_grid
 from tempog.analysis.static import CellClass, static_map
 from tempog.errors import ConfigError
 from tempog.grid.history import History
@@ -129,7 +129,8 @@ def _period_drawing(history: History, layer: str) -> _Drawing:
     first, last = (history.format_moment(int(history.stamps_ns[k])) for k in (history.first_scan, history.last_scan))
     period = f"{first} to {last}"
     if layer == "classic":
-        rgb = _shades(occupancy_grid(history))
+        share = (occupancy_grid(history) - CLAMP_PROB_LOW) / (CLAMP_PROB_HIGH - CLAMP_PROB_LOW)
+        rgb = _shades(share)
         legend = [(BLACK, "occupied"), (WHITE, "free"), _UNEXPLORED]
         return _Drawing(rgb, f"classic occupancy grid, {period}", legend)
     rgb = _static_base(history)
@@ -138,9 +139,10 @@ def _period_drawing(history: History, layer: str) -> _Drawing:
         return _Drawing(rgb, f"static map, {period}", legend)
     rgb[np.all(rgb == _rgb(ORANGE), axis=-1)] = WHITE
     dynamics = map_dynamics(history).astype(np.float64)
-    colours = ScalarMappable(Normalize(0, MAX_DYNAMICS), colormaps["YlOrRd"])
-    strength = np.clip((np.nan_to_num(dynamics) - FAINT_DYNAMICS) / (FULL_DYNAMICS - FAINT_DYNAMICS), 0, 1)[..., None]
-    rgb = (rgb * (1 - strength) + colours.to_rgba(np.nan_to_num(dynamics))[..., :3] * strength).astype(np.float32)
+    rgb = _tinted(rgb, np.nan_to_num(dynamics))
+    scale = np.linspace(0, MAX_DYNAMICS, 256)
+    as_on_floor = _tinted(np.tile(_rgb(WHITE), (256, 1)), scale)
+    colours = ScalarMappable(Normalize(0, MAX_DYNAMICS), ListedColormap(as_on_floor))
     legend = [(BLACK, "static"), (WHITE, "free"), _UNEXPLORED]
     label = f"mean absolute deviation of P(occupied); under {FAINT_DYNAMICS:g} uncoloured"
     return _Drawing(rgb, f"dynamics, {period}", legend, colours, label)
@@ -159,6 +161,13 @@ def _shades(occupied: NDArray[np.float32]) -> Rgb:
     rgb = _rgb(WHITE) * (1 - share) + _rgb(BLACK) * share
     rgb[np.isnan(occupied)] = GREY
     return rgb
+
+
+def _tinted(rgb: Rgb, dynamics: NDArray[np.float64]) -> Rgb:
+    """Colour cells by their dynamics, the stronger the more they change."""
+    strength = np.clip((dynamics - FAINT_DYNAMICS) / (FULL_DYNAMICS - FAINT_DYNAMICS), 0, 1)[..., None]
+    tint = colormaps["YlOrRd"](dynamics / MAX_DYNAMICS)[..., :3]
+    return (rgb * (1 - strength) + tint * strength).astype(np.float32)
 
 
 def _static_base(history: History) -> Rgb:

@@ -44,7 +44,7 @@ def _add_rows(section: Section, evidence: Evidence, grid: TemporalGrid) -> None:
             sealed,
             at_most(18, n_bytes),
         ),
-        Row(f"{evidence}, all memory per interval", n_intervals, "", in_all, at_most(18, n_bytes)),
+        Row(f"{evidence}, all memory, cells too, per interval", n_intervals, "", in_all, unit="bytes"),
         Row(f"{evidence}, intervals.parquet per interval", n_intervals, "", intervals / n, at_most(3, n_bytes)),
         Row(f"{evidence}, whole map directory per interval", n_intervals, "", everything / n, at_most(3, n_bytes)),
     ]
@@ -64,7 +64,7 @@ def _add_cell_rows(section: Section, evidence: Evidence, grid: TemporalGrid) -> 
     hits = grid.surfaces
     of_slots = (hits.nbytes - hits.slot_of_cell.nbytes) / max(hits.n_slots, 1)
     section.rows += [
-        Row(f"{evidence}, per allocated cell, growth included", held, "", per_cell, at_most(16, n_bytes)),
+        Row(f"{evidence}, per allocated cell, growth included", held, "", per_cell, unit=n_bytes),
         Row(f"{evidence}, per allocated cell, in use", held, "", in_use, at_most(16, n_bytes)),
         Row(f"{evidence}, hit points per hit cell", f"{hits.n_slots} cells", "", of_slots, unit=n_bytes),
     ]

@@ -16,7 +16,7 @@ from tempog.errors import ConfigError, EmptyWindowError, MomentError, TimeError
 from tempog.grid.segments import Runs, count_overlapping, join, latest_states
 from tempog.scans.scan import scan_period_s
 from tempog.sensing.grid_spec import Extent
-from tempog.sensing.tiles import FARTHEST_CELL, NO_CELL, TileIndex
+from tempog.sensing.tiles import FARTHEST_CELL, NO_CELL, TILE, TILE_CELLS, TileIndex
 from tempog.times import MAX_NS, NS_PER_S, Moment, format_moment, parse_moment
 
 OCCUPIED_ABOVE = 0.5  # P(occupied) from which on a cell's state is called occupied
@@ -217,10 +217,9 @@ class History(ABC):
             A negative `hold`.
         """
         stamp_ns = self.parse_moment(t)
-        value, age_s = self._states(stamp_ns, 0.0 if hold is None else hold)
-        return Snapshot(
-            self.tiles.to_dense(value, math.nan), self.tiles.to_dense(age_s, math.nan), self.extent, stamp_ns
-        )
+        extent = self.extent
+        value, age_s = self._states(stamp_ns, 0.0 if hold is None else hold, self.tiles.dense_places(), extent.n_cols)
+        return Snapshot(value.reshape(extent.shape), age_s.reshape(extent.shape), extent, stamp_ns)
 
     def window(self, t0: Moment | None = None, t1: Moment | None = None) -> Window:
         """The history between two moments, both included; every analysis takes it in place of the grid.
@@ -307,21 +306,27 @@ class History(ABC):
         value, _ = self._states(int(self.stamps_ns[self.last_scan]), math.inf)
         return int(np.count_nonzero(~np.isnan(value)))
 
-    def _states(self, stamp_ns: int, hold_s: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Value and age in seconds of every numbered cell; NaN where unknown."""
+    def _states(
+        self, stamp_ns: int, hold_s: float, tile_places: NDArray[np.int64] | None = None, n_cols: int = TILE
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Value and age in seconds of every cell, by its number unless places are given; NaN where unknown."""
         if not hold_s >= 0:
             raise ConfigError(f"hold = {hold_s!r} is not a duration; wanted seconds, 0 or more")
         self.require_scans()
         stamps = self.stamps_ns
         until = min(self.last_scan, int(np.searchsorted(stamps, stamp_ns, side="right")) - 1)
-        value, age_s = (np.full(self.tiles.n_cells, np.nan, dtype=np.float32) for _ in range(2))
+        size = self.extent.n_rows * self.extent.n_cols
+        if tile_places is None:
+            tile_places, size = np.arange(self.tiles.n_tiles) * TILE_CELLS, self.tiles.n_cells
+        value, age_s = (np.full(size, np.nan, dtype=np.float32) for _ in range(2))
         if until >= self.first_scan:
             hold_ns = min(hold_s * NS_PER_S, MAX_NS)
             oldest = int(np.searchsorted(stamps, max(stamp_ns - round(hold_ns), -MAX_NS), side="left"))
             # An interval that goes on after the moment counts as seen just then.
             ages_s = (np.maximum(stamp_ns - stamps, 0) / NS_PER_S).astype(np.float32)
             for runs in self.runs():
-                latest_states(*runs, self.first_scan, self.last_scan, until, oldest, ages_s, value, age_s)
+                period = (self.first_scan, self.last_scan, until, oldest)
+                latest_states(*runs, *period, ages_s, tile_places, n_cols, value, age_s)
         return value, age_s
 
     def require_scans(self) -> None:

@@ -116,6 +116,8 @@ def latest_states(
     until: int,
     oldest: int,
     ages_s: NDArray[np.float32],
+    tile_places: NDArray[np.int64],
+    n_cols: int,
     out_value: NDArray[np.float32],
     out_age_s: NDArray[np.float32],
 ) -> None:
@@ -123,7 +125,9 @@ def latest_states(
 
     oldest            the scan from which on a last look is recent enough; the state of others is unknown
     ages_s (n_scans,) seconds from each scan to the moment asked for, 0 for later ones
-    out_value, out_age_s (n_cells,): its value and age, or NaN   [updated where found]
+    tile_places (n_tiles,) where each tile's south-western cell lies in the output
+    n_cols            entries of the output from one row of cells to the next
+    out_value, out_age_s: its value and age, or NaN   [updated where found]
     """
     for i in range(cells.shape[0]):
         low, high = offsets[i], offsets[i + 1]
@@ -137,8 +141,10 @@ def latest_states(
         if low > offsets[i] and last[k] >= first_scan:
             seen = min(last[k], last_scan)
             known = seen >= oldest
-            out_value[cells[i]] = value[k] if known else np.float32(np.nan)
-            out_age_s[cells[i]] = ages_s[np.uint64(seen)] if known else np.float32(np.nan)
+            cell = cells[i]
+            place = np.uint64(tile_places[np.uint64(cell >> 6)] + ((cell >> 3) & 7) * n_cols + (cell & 7))
+            out_value[place] = value[k] if known else np.float32(np.nan)
+            out_age_s[place] = ages_s[np.uint64(seen)] if known else np.float32(np.nan)
 
 
 @kernel

@@ -129,6 +129,7 @@ class Sensor:
                 surfaces.slot_of_cell,
                 surfaces.hit_count,
                 surfaces.moments,
+                surfaces.lines,
                 self._path,
                 self._state,
                 self._note,
@@ -172,6 +173,7 @@ class Sensor:
             surfaces.cell_of_slot,
             surfaces.hit_count,
             surfaces.moments,
+            surfaces.lines,
             surfaces.n_slots,
         )
         prob = np.full(n, self._prob_free, dtype=np.float32)

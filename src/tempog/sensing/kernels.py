@@ -346,6 +346,7 @@ def free_surface(
     slot_of_cell: NDArray[np.int32],
     hit_count: NDArray[np.int32],
     moments: NDArray[np.float32],
+    lines: NDArray[np.float32],
     path: NDArray[np.uint32],
     state: NDArray[np.uint8],
     note: NDArray[np.int32],
@@ -390,31 +391,21 @@ def free_surface(
                     here = KNOWN_SURFACE
                     state[k] = here
             if here == KNOWN_SURFACE:
-                slot = note[k]
-                # Line through the hit points: their mean, along the larger axis of their covariance.
-                xx, xy, yy = moments[slot, 2], moments[slot, 3], moments[slot, 4]
-                half = 0.5 * (xx - yy)
-                root = math.sqrt(half * half + xy * xy)
-                variance = 0.5 * (xx + yy) + root
-                ex, ey = half + root, float(xy)
-                if half < 0:
-                    ex, ey = float(xy), root - half
-                norm = math.hypot(ex, ey)
-                if norm > 0:
-                    ex, ey = ex / norm, ey / norm
-                else:
+                surface = np.uint64(note[k])
+                ex, ey = lines[surface, 0], lines[surface, 1]
+                if ex == 0 and ey == 0:
                     ex, ey = -uy, ux
                 crossing = ux * ey - uy * ex
                 if abs(crossing) >= MIN_CROSSING_SINE:
-                    px = (np.int64(k & mask) + col0 + 0.5) * resolution + moments[slot, 0] - x
-                    py = (np.int64(k >> shift) + row0 + 0.5) * resolution + moments[slot, 1] - y
+                    px = (np.int64(k & mask) + col0 + 0.5) * resolution + moments[surface, 0] - x
+                    py = (np.int64(k >> shift) + row0 + 0.5) * resolution + moments[surface, 1] - y
                     at_beam = (px * ey - py * ex) / crossing
                     at_line = (px * uy - py * ux) / crossing
                     if (
                         at_beam >= 0
                         and at_beam <= limit
                         and (not is_hit[i] or (length - at_beam) * abs(crossing) >= clear_behind)
-                        and abs(at_line) <= EXTENT_SIGMAS * math.sqrt(max(variance, 0.0)) + MIN_EXTENT
+                        and abs(at_line) <= lines[surface, 2]
                     ):
                         state[k] = FREE
                         touched[n] = k
@@ -495,12 +486,15 @@ def add_hit_points(
     cell_of_slot: NDArray[np.int32],
     hit_count: NDArray[np.int32],
     moments: NDArray[np.float32],
+    lines: NDArray[np.float32],
     n_slots: int,
 ) -> int:
     """Add each hit to its cell's count, mean and covariance (Welford 1962); returns the new `n_slots`.
 
     moments (capacity, 5) float32: mean x, mean y (metres from the cell's centre), then the population
     covariance xx, xy, yy (m²)   [updated]; room for one new slot per hit
+    lines (capacity, 3) float32: the line through the hit points, along the larger axis of their covariance:
+    its direction, or zeros where the points are one, and how far the points reach to either side (m)   [updated]
     """
     for i in range(end_x.shape[0]):
         if not is_hit[i]:
@@ -527,4 +521,15 @@ def add_hit_points(
         moments[slot, 2] += (dx * dx * rest - moments[slot, 2]) * weight
         moments[slot, 3] += (dx * dy * rest - moments[slot, 3]) * weight
         moments[slot, 4] += (dy * dy * rest - moments[slot, 4]) * weight
+        xx, xy, yy = float(moments[slot, 2]), float(moments[slot, 3]), float(moments[slot, 4])
+        half = 0.5 * (xx - yy)
+        root = math.sqrt(half * half + xy * xy)
+        ex, ey = half + root, xy
+        if half < 0:
+            ex, ey = xy, root - half
+        norm = math.hypot(ex, ey)
+        if norm > 0:
+            ex, ey = ex / norm, ey / norm
+        lines[slot, 0], lines[slot, 1] = ex, ey
+        lines[slot, 2] = EXTENT_SIGMAS * math.sqrt(max(0.5 * (xx + yy) + root, 0.0)) + MIN_EXTENT
     return n_slots

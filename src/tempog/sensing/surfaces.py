@@ -27,6 +27,9 @@ class SurfaceMemory:
     moments : (capacity, 5) float32
         Mean x and y of the hit points, metres from the cell's centre; then their population covariance
         xx, xy, yy in square metres.
+    lines : (capacity, 3) float32
+        Line through the hit points: its direction as a unit vector, and how far they reach to either side of
+        their mean, metres. Kept while mapping, not saved.
     n_slots : int
         Slots in use.
     """
@@ -36,6 +39,7 @@ class SurfaceMemory:
         self.cell_of_slot: NDArray[np.int32] = np.empty(0, dtype=np.int32)
         self.hit_count: NDArray[np.int32] = np.empty(0, dtype=np.int32)
         self.moments: NDArray[np.float32] = np.empty((0, 5), dtype=np.float32)
+        self.lines: NDArray[np.float32] = np.empty((0, 3), dtype=np.float32)
         self.n_slots = 0
 
     def reserve(self, n_cells: int, n_more: int) -> None:
@@ -48,8 +52,10 @@ class SurfaceMemory:
             self.cell_of_slot = grown(self.cell_of_slot, capacity)
             self.hit_count = grown(self.hit_count, capacity)
             self.moments = grown(self.moments, capacity)
+            self.lines = grown(self.lines, capacity)
 
     @property
     def nbytes(self) -> int:
         """Bytes held."""
-        return self.slot_of_cell.nbytes + self.cell_of_slot.nbytes + self.hit_count.nbytes + self.moments.nbytes
+        parts = (self.slot_of_cell, self.cell_of_slot, self.hit_count, self.moments, self.lines)
+        return sum(part.nbytes for part in parts)

@@ -171,6 +171,14 @@ class TileIndex:
         cols = self.tile_cols[tiles] * TILE + (within & (TILE - 1))
         return rows.astype(np.int32), cols.astype(np.int32)
 
+    def dense_places(self) -> NDArray[np.int64]:
+        """``(n_tiles,)`` where each tile's south-western cell lies in a flattened array over `extent`."""
+        extent = self.extent
+        rows = self.tile_rows[: self.n_tiles].astype(np.int64) * TILE - extent.row0
+        cols = self.tile_cols[: self.n_tiles].astype(np.int64) * TILE - extent.col0
+        places: NDArray[np.int64] = rows * extent.n_cols + cols
+        return places
+
     def to_dense(self, per_cell: NDArray[T], fill: float) -> NDArray[T]:
         """Lay a per-cell array out as ``[row, col]`` over `extent`."""
         extent = self.extent

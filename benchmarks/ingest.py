@@ -16,7 +16,7 @@ from peers import DictionaryGrid, LogOddsGrid, OctoMap
 from report import Row, Section, at_least, at_most
 
 from tempog import TemporalGrid
-from tempog.config import Evidence
+from tempog.config import DEFAULT_GAP_S, Evidence
 from tempog.sensing.evidence import Statements
 
 HAS_OCTOMAP = importlib.util.find_spec("pyoctomap") is not None
@@ -49,7 +49,7 @@ def integrate_dictionary(log: BenchLog) -> DictionaryGrid:
     config = log.config("literal")
     grid = DictionaryGrid(
         RESOLUTION_M,
-        round(config.grid.gap_s * 1e9),
+        round((config.grid.gap_s or DEFAULT_GAP_S) * 1e9),
         config.grid.tolerance,
         config.sensing.prob_hit,
         config.sensing.prob_free,

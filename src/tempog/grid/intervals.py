@@ -44,7 +44,7 @@ def extend_or_seal(
     capacity >= n_sealed + n_obs, so nothing here allocates or grows.
     """
     for k in range(cells.shape[0]):
-        c = cells[k]
+        c = np.uint64(cells[k])  # unsigned: Numba then leaves out the test for negative indices
         if last[c] >= oldest and abs(prob[k] - value[c]) <= tolerance:
             last[c] = scan
             continue

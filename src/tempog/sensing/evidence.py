@@ -174,6 +174,7 @@ class Sensor:
             surfaces.hit_count,
             surfaces.moments,
             surfaces.lines,
+            config.evidence == "surface",
             surfaces.n_slots,
         )
         prob = np.full(n, self._prob_free, dtype=np.float32)

@@ -435,8 +435,9 @@ def number_cells(
     """
     mask = (1 << shift) - 1
     for i in range(n_touched):
-        row, col = (touched[i] >> shift) + row0, (touched[i] & mask) + col0
-        r, c = (row >> 3) - dir_row0, (col >> 3) - dir_col0
+        k = np.int64(touched[np.uint64(i)])
+        row, col = (k >> shift) + row0, (k & mask) + col0
+        r, c = np.uint64((row >> 3) - dir_row0), np.uint64((col >> 3) - dir_col0)
         tile = directory[r, c]
         if tile < 0:
             tile = np.int32(n_tiles)
@@ -444,7 +445,7 @@ def number_cells(
             tile_rows[n_tiles] = row >> 3
             tile_cols[n_tiles] = col >> 3
             n_tiles += 1
-        cells[i] = tile * 64 + (row & 7) * 8 + (col & 7)
+        cells[np.uint64(i)] = tile * 64 + (row & 7) * 8 + (col & 7)
     return n_tiles
 
 
@@ -487,6 +488,7 @@ def add_hit_points(
     hit_count: NDArray[np.int32],
     moments: NDArray[np.float32],
     lines: NDArray[np.float32],
+    keeps_lines: bool,
     n_slots: int,
 ) -> int:
     """Add each hit to its cell's count, mean and covariance (Welford 1962); returns the new `n_slots`.
@@ -494,7 +496,8 @@ def add_hit_points(
     moments (capacity, 5) float32: mean x, mean y (metres from the cell's centre), then the population
     covariance xx, xy, yy (m²)   [updated]; room for one new slot per hit
     lines (capacity, 3) float32: the line through the hit points, along the larger axis of their covariance:
-    its direction, or zeros where the points are one, and how far the points reach to either side (m)   [updated]
+    its direction, or zeros where the points are one, and how far the points reach to either side (m)
+    [updated if `keeps_lines`]
     """
     for i in range(end_x.shape[0]):
         if not is_hit[i]:
@@ -521,6 +524,8 @@ def add_hit_points(
         moments[slot, 2] += (dx * dx * rest - moments[slot, 2]) * weight
         moments[slot, 3] += (dx * dy * rest - moments[slot, 3]) * weight
         moments[slot, 4] += (dy * dy * rest - moments[slot, 4]) * weight
+        if not keeps_lines:
+            continue
         xx, xy, yy = float(moments[slot, 2]), float(moments[slot, 3]), float(moments[slot, 4])
         half = 0.5 * (xx - yy)
         root = math.sqrt(half * half + xy * xy)

@@ -29,7 +29,7 @@ class SurfaceMemory:
         xx, xy, yy in square metres.
     lines : (capacity, 3) float32
         Line through the hit points: its direction as a unit vector, and how far they reach to either side of
-        their mean, metres. Kept while mapping, not saved.
+        their mean, metres. Kept by the surface model while mapping, not saved.
     n_slots : int
         Slots in use.
     """

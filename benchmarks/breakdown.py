@@ -15,9 +15,9 @@ from report import Row, Section
 
 from tempog.config import Evidence
 from tempog.grid import segments, temporal_grid
-from tempog.sensing import kernels
+from tempog.sensing import evidence, raycast
 
-MODULES = (kernels, temporal_grid, segments)  # where integrate() finds its kernels
+MODULES = (raycast, evidence, temporal_grid, segments)  # where integrate() finds its kernels
 
 
 def run(names: list[str], n_scans: int | None, n_repetitions: int) -> list[Section]:

@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 from tempog.config import MapConfig
 from tempog.errors import ExtentError
 from tempog.scans.scan import Scan
-from tempog.sensing import kernels
+from tempog.sensing import raycast
+from tempog.sensing.cells import add_hit_points, claim_tiles_of_hits, number_cells
 from tempog.sensing.surfaces import SurfaceMemory
 from tempog.sensing.tiles import FARTHEST_CELL, TILE, TILE_CELLS, CellBox, TileIndex
 
-NO_RETURN_CODES = {"never": kernels.NEVER, "always": kernels.ALWAYS, "neighbours": kernels.NEIGHBOURS}
+NO_RETURN_CODES = {"never": raycast.NEVER, "always": raycast.ALWAYS, "neighbours": raycast.NEIGHBOURS}
 
 
 class Statements(NamedTuple):
@@ -86,16 +87,16 @@ class Sensor:
             self._touched = np.empty(window + 1, dtype=np.int32)
         if n_rows + n_cols > len(self._path):
             self._path = np.empty(n_rows + n_cols, dtype=np.uint32)
-        self._state[:window] = kernels.UNTOUCHED
+        self._state[:window] = raycast.UNTOUCHED
         where = (box.row_min, box.col_min, shift, resolution)
         directory = (tiles.directory, tiles.dir_row0, tiles.dir_col0)
         surfaces.reserve(tiles.n_cells, 0)
         beams = (scan.x, scan.y, self._end_x, self._end_y, self._reach)
         if config.evidence == "literal":
-            n_hits = kernels.mark_hits(self._end_x, self._end_y, self._is_hit, *where, self._state, self._touched)
-            n = kernels.free_literal(*beams, *where, self._path, self._state, self._touched, n_hits)
+            n_hits = raycast.mark_hits(self._end_x, self._end_y, self._is_hit, *where, self._state, self._touched)
+            n = raycast.free_literal(*beams, *where, self._path, self._state, self._touched, n_hits)
         else:
-            kernels.protect_surfaces(
+            raycast.protect_surfaces(
                 self._end_x,
                 self._end_y,
                 self._is_hit,
@@ -105,7 +106,7 @@ class Sensor:
                 config.collinear_m,
                 self._state,
             )
-            n_hits = kernels.mark_hits_at_surfaces(
+            n_hits = raycast.mark_hits_at_surfaces(
                 self._end_x,
                 self._end_y,
                 self._is_hit,
@@ -118,7 +119,7 @@ class Sensor:
                 self._state,
                 self._touched,
             )
-            n = kernels.free_surface(
+            n = raycast.free_surface(
                 *beams,
                 self._is_hit,
                 *where,
@@ -138,7 +139,7 @@ class Sensor:
             )
         tiles.reserve(window // TILE_CELLS)
         cells = np.empty(n, dtype=np.int32)
-        tiles.n_tiles = kernels.number_cells(
+        tiles.n_tiles = number_cells(
             self._touched,
             n,
             box.row_min,
@@ -152,7 +153,7 @@ class Sensor:
         )
         if config.evidence == "surface":
             # A stray hit counts for another cell, but is remembered where it fell.
-            tiles.n_tiles = kernels.claim_tiles_of_hits(
+            tiles.n_tiles = claim_tiles_of_hits(
                 self._end_x,
                 self._end_y,
                 self._is_hit,
@@ -163,7 +164,7 @@ class Sensor:
                 tiles.n_tiles,
             )
         surfaces.reserve(tiles.n_cells, len(self._is_hit))
-        surfaces.n_slots = kernels.add_hit_points(
+        surfaces.n_slots = add_hit_points(
             self._end_x,
             self._end_y,
             self._is_hit,
@@ -194,7 +195,7 @@ class Sensor:
                 f" wanted coordinates within ±{farthest_m:.3g} m. Is it corrupt? Leave the scan out (--skip-bad, or"
                 " skip_far=True in Python), or shift the log's origin."
             )
-        x_min, x_max, y_min, y_max = kernels.aim(
+        x_min, x_max, y_min, y_max = raycast.aim(
             scan.angles,
             scan.ranges,
             scan.x,

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from tempog.errors import ConfigError, ScanError
 from tempog.scans.clock import UNUSABLE_STAMP_NS, mend_clock, parse_clock, seconds_to_ns
 from tempog.scans.laser_geometry import beam_angles, check_sensor_max_range, infer_sensor_max
-from tempog.scans.scan import BadRows, Scan, ScanLog
+from tempog.scans.scan import BadRows, Scan, ScanLog, usable_poses
 
 GZIP_MAGIC = b"\x1f\x8b"
 MAX_LINE_BYTES = 1_000_000  # 100 times the longest known line; a file without line ends stays harmless
@@ -345,7 +345,7 @@ def _number(field: bytes, what: str) -> float:
 
 def _pose(fields: list[bytes]) -> tuple[float, float, float]:
     x, y, theta = (_number(field, name) for field, name in zip(fields, ("x", "y", "theta"), strict=True))
-    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(theta)):
+    if not usable_poses(np.array([x, y, theta])):
         raise _BadLineError(f"the laser's pose is {(x, y, theta)}; wanted finite metres, metres, radians")
     return x, y, theta
 

@@ -27,7 +27,7 @@ from tempog._files import whole_file
 from tempog.errors import ScanError
 from tempog.scans.clock import UNUSABLE_STAMP_NS, mend_clock, parse_clock, seconds_to_ns
 from tempog.scans.laser_geometry import check_sensor_max_range
-from tempog.scans.scan import BadRows, Scan, ScanLog
+from tempog.scans.scan import MAX_ANGLE_RAD, BadRows, Scan, ScanLog, usable_poses
 
 WANTED = "wanted: t, x, y, theta (n_scans,), angles (n_beams,), ranges (n_scans, n_beams), max_range ()"
 MAX_DEFLATE_RATIO = 1100  # deflate packs at most 1032:1; an archive that claims more is damaged
@@ -79,14 +79,15 @@ def read_npz(
             f"{path}: array max_range is {max_range!r}; wanted metres above 0.\n  --sensor-max-range overrides it."
         )
     angles = arrays["angles"]
-    if not np.isfinite(angles).all():
-        beam = int(np.flatnonzero(~np.isfinite(angles))[0])
+    usable_angles = np.abs(angles) <= MAX_ANGLE_RAD
+    if not usable_angles.all():
+        beam = int(np.flatnonzero(~usable_angles)[0])
         raise ScanError(f"{path}: array angles holds {float(angles[beam])!r} at beam {beam}; wanted radians")
 
     bad = BadRows(str(path), skip_bad)
-    poses = np.column_stack([arrays["x"], arrays["y"], arrays["theta"]])
+    poses = np.column_stack([arrays[name].astype(np.float64) for name in ("x", "y", "theta")])
     stamp_ns = seconds_to_ns(arrays["t"])
-    usable = np.isfinite(poses).all(axis=1)
+    usable = usable_poses(poses)
     for i in np.flatnonzero(~usable):
         bad.add(f"row {i}", f"the pose is {tuple(poses[i].tolist())}; wanted finite metres, metres, radians")
     if skip_bad and policy.mode != "rate":

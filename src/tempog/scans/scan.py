@@ -74,7 +74,7 @@ class Scan:
         if len(pose) != 3:
             raise ScanError(f"{where}pose {pose!r} has {len(pose)} numbers; wanted x, y (m) and theta (rad)")
         self.x, self.y, self.theta = (float(value) for value in pose)
-        if not (math.isfinite(self.x) and math.isfinite(self.y) and abs(self.theta) <= MAX_ANGLE_RAD):
+        if not usable_poses(np.array([self.x, self.y, self.theta])):
             raise ScanError(f"{where}pose {(self.x, self.y, self.theta)} is not usable (wanted: finite m, m, rad)")
         self.angles: NDArray[np.float64] = _owned(angles, np.float64)
         with np.errstate(over="ignore"):  # a reading too large for float32 is a beam without return
@@ -99,6 +99,12 @@ class Scan:
         returns = int(np.count_nonzero((self.ranges > 0) & (self.ranges < self.max_range)))
         pose = (round(self.x, 3), round(self.y, 3), round(self.theta, 4))
         return f"Scan(t={self.t:.10g}, pose={pose}, {len(self.ranges)} beams, {returns} returns)"
+
+
+def usable_poses(poses: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether poses ``(..., 3)`` of x, y, theta are finite, with headings of a possible size."""
+    usable: NDArray[np.bool_] = np.isfinite(poses).all(axis=-1) & (np.abs(poses[..., 2]) <= MAX_ANGLE_RAD)
+    return usable
 
 
 def _owned(values: ArrayLike, kind: type[np.generic]) -> NDArray[Any]:

@@ -182,6 +182,52 @@ class MapConfig:
         return cls(**parts)
 
 
+@dataclass(frozen=True)
+class ObjectsConfig:
+    """How places that change together are found and put together to objects, as the paper does (Fig. 7, 10).
+
+    Parameters
+    ----------
+    distance_p : float
+        p of the Minkowski distance between two cells' time series; 1 is the paper's Manhattan distance.
+    distance_below : float, 0..1
+        Neighbouring cells whose series are closer belong to one configuration (Fig. 7). In units of
+        P(occupied): with hits worth 0.9 and free 0.1, cells may disagree for an eighth of the time.
+    min_common_s : float, seconds
+        Series, and configurations, that were seen together for a shorter time are not compared: twenty looks of
+        a common 10 Hz scanner.
+    max_states : int
+        Objects have 2 to so many configurations; the paper's door D1 has 3.
+    within_m : float, metres, optional
+        Only configurations whose centres are this close can be one object; the centres of the two places of a
+        common door leaf are 0.7 m apart, those of a wide one's 180-degree swing 1.2 m. None: any, as in Fig. 10.
+    none_share : float, 0..1
+        Share of the commonly seen time in which no configuration of an object need be occupied; 0 as in the
+        text of section IV.C.1b.
+    both_share : float, 0..1
+        Share of the commonly seen time in which more than one may be occupied: somebody stands in the open door.
+        The paper gives no number; somebody in the doorway for a tenth of the time is a busy door.
+    """
+
+    distance_p: float = 1.0
+    distance_below: float = 0.1
+    min_common_s: float = 2.0
+    max_states: int = 3
+    within_m: float | None = 2.0
+    none_share: float = 0.0
+    both_share: float = 0.1
+
+    def __post_init__(self) -> None:
+        _make_plain(self)
+        _require(0 < self.distance_p < math.inf, "distance_p", self.distance_p, "a number above 0")
+        _require(0 < self.distance_below <= 1, "distance_below", self.distance_below, "above 0, at most 1")
+        _require(0 <= self.min_common_s < math.inf, "min_common_s", self.min_common_s, "seconds, 0 or more")
+        _require(2 <= self.max_states <= 60, "max_states", self.max_states, "from 2 to 60")
+        _require(self.within_m is None or 0 < self.within_m < math.inf, "within_m", self.within_m, "metres above 0")
+        for name in ("none_share", "both_share"):
+            _require(0 <= getattr(self, name) <= 1, name, getattr(self, name), "a share from 0 to 1")
+
+
 DEFAULT_GAP = "10scans"
 DEFAULT_GAP_S = 2.0  # s; where nothing tells how often scans come: ten of a slow 5 Hz scanner
 

@@ -1,0 +1,213 @@
+"""Time series of cells, and how far apart two of them are (paper, section IV.C.1a, Fig. 8)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tempog.analysis.dynamics import FALLBACK_LOOK_S
+from tempog.analysis.series_kernels import pair_distances
+from tempog.config import ObjectsConfig
+from tempog.errors import ConfigError
+from tempog.grid.history import OCCUPIED_ABOVE, History
+from tempog.times import NS_PER_S
+
+
+class Series(NamedTuple):
+    """One time series: periods ``[start_ns, stop_ns)`` in time order, without overlap, and P(occupied) in each."""
+
+    start_ns: NDArray[np.int64]
+    stop_ns: NDArray[np.int64]
+    value: NDArray[np.float32]
+
+
+Distance = Literal["manhattan"] | float | Callable[[Series, Series], float]
+
+
+@dataclass(frozen=True, eq=False)
+class SeriesSet:
+    """Time series of many cells.
+
+    Attributes
+    ----------
+    cells : (n,) int32
+        Cell numbers, in the order they were asked for.
+    offsets : (n + 1,) int64
+        The periods of ``cells[i]`` are at ``offsets[i]:offsets[i + 1]`` of the following.
+    start_ns, stop_ns : (n_periods,) int64
+    value : (n_periods,) float32
+        P(occupied).
+    """
+
+    cells: NDArray[np.int32]
+    offsets: NDArray[np.int64]
+    start_ns: NDArray[np.int64]
+    stop_ns: NDArray[np.int64]
+    value: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.cells)
+
+    def __getitem__(self, i: int) -> Series:
+        where = slice(int(self.offsets[i]), int(self.offsets[i + 1]))
+        return Series(self.start_ns[where], self.stop_ns[where], self.value[where])
+
+
+def time_series(history: History, cells: NDArray[np.int32]) -> SeriesSet:
+    """The leaves of the chosen cells' time indexes as time series (Fig. 8), within the period.
+
+    A look stands for one scan period: an interval lasts until a scan period after its last look, or until the
+    next interval begins. Otherwise a cell that was looked at once would have been observed for no time.
+
+    Parameters
+    ----------
+    history : History
+        A grid, a saved map, or a window of either.
+    cells : (n,) int32
+        Cell numbers of `history.tiles`, each once.
+    """
+    place = np.full(history.tiles.n_cells, -1, dtype=np.int64)
+    place[cells] = np.arange(len(cells))
+    owners, values = [np.empty(0, np.int64)], [np.empty(0, np.float32)]
+    firsts, lasts = [np.empty(0, np.int32)], [np.empty(0, np.int32)]
+    for runs in history.runs():
+        owner = np.repeat(place[runs.cells], np.diff(runs.offsets))
+        kept = (owner >= 0) & (runs.first <= history.last_scan) & (runs.last >= history.first_scan)
+        owners.append(owner[kept])
+        firsts.append(runs.first[kept])
+        lasts.append(runs.last[kept])
+        values.append(runs.value[kept])
+    owner = np.concatenate(owners)
+    order = np.argsort(owner, kind="stable")  # later sets hold later intervals
+    owner = owner[order]
+    offsets = np.searchsorted(owner, np.arange(len(cells) + 1)).astype(np.int64)
+    stamps = history.stamps_ns
+    start_ns = stamps[np.maximum(np.concatenate(firsts)[order], history.first_scan)]
+    stop_ns = stamps[np.minimum(np.concatenate(lasts)[order], history.last_scan)] + look_ns(history)
+    goes_on = owner[1:] == owner[:-1]
+    stop_ns[:-1][goes_on] = np.minimum(stop_ns[:-1], start_ns[1:])[goes_on]
+    return SeriesSet(np.asarray(cells, dtype=np.int32), offsets, start_ns, stop_ns, np.concatenate(values)[order])
+
+
+def look_ns(history: History) -> int:
+    """What a look stands for, in nanoseconds: one scan period."""
+    period_s = history.scan_period_s
+    return round((period_s if period_s > 0 else FALLBACK_LOOK_S) * NS_PER_S)
+
+
+def ever_occupied(history: History) -> NDArray[np.bool_]:
+    """Per cell number, whether the cell was occupied at some time of the period."""
+    found = np.zeros(history.tiles.n_cells, dtype=np.bool_)
+    for runs in history.runs():
+        hit = (runs.value > OCCUPIED_ABOVE) & (runs.first <= history.last_scan) & (runs.last >= history.first_scan)
+        found[np.repeat(runs.cells, np.diff(runs.offsets))[hit]] = True
+    return found
+
+
+def series_distances(
+    series: SeriesSet,
+    left: NDArray[np.int64],
+    right: NDArray[np.int64],
+    *,
+    distance: Distance = "manhattan",
+    min_common_s: float = ObjectsConfig.min_common_s,
+) -> NDArray[np.float64]:
+    """How far apart the series of each pair are over the time in which both cells were seen.
+
+    Parameters
+    ----------
+    series : SeriesSet
+    left, right : (n_pairs,) int64
+        Which of `series` make a pair.
+    distance : "manhattan", a number, or a callable
+        ``"manhattan"`` is 1; a number is the p of the Minkowski distance, above 0; a callable is given two
+        `Series` and returns the distance, NaN if unknown.
+    min_common_s : float, seconds
+        Pairs seen together for a shorter time have no distance.
+
+    Returns
+    -------
+    (n_pairs,) float64
+        Of Minkowski: ``(integral of |difference|**p dt / common time) ** (1 / p)``, in units of P(occupied).
+        NaN where unknown.
+
+    Raises
+    ------
+    ConfigError
+        Another distance, or a negative `min_common_s`.
+
+    Notes
+    -----
+    Section IV.C.1a sums over samples and leaves open what two cells that were seen at different times have in
+    common; we integrate over the time both were seen and divide by it.
+    """
+    if not 0 <= min_common_s < math.inf:
+        raise ConfigError(f"min_common_s = {min_common_s!r} cannot work; wanted seconds, 0 or more")
+    p = 1.0
+    if distance != "manhattan" and not callable(distance):
+        if isinstance(distance, str) or not 0 < distance < math.inf:
+            raise ConfigError(f"distance = {distance!r} cannot work; wanted 'manhattan', a p above 0, or a callable")
+        p = float(distance)
+    integral, common_ns = np.empty(len(left)), np.empty(len(left), dtype=np.int64)
+    pairs = (np.asarray(left, dtype=np.int64), np.asarray(right, dtype=np.int64))
+    pair_distances(series.offsets, series.start_ns, series.stop_ns, series.value, *pairs, p, integral, common_ns)
+    known = (common_ns > 0) & (common_ns >= min_common_s * NS_PER_S)
+    distances = np.full(len(left), math.nan)
+    if callable(distance):
+        for k in np.flatnonzero(known):
+            distances[k] = distance(series[int(left[k])], series[int(right[k])])
+    else:
+        distances[known] = (integral[known] / (common_ns[known] / NS_PER_S)) ** (1 / p)
+    return distances
+
+
+def series_distance(
+    first: Series, second: Series, *, distance: Distance = "manhattan", min_common_s: float = 0.0
+) -> float:
+    """The distance of two series; see `series_distances`.
+
+    >>> import numpy as np
+    >>> def periods(*triples):
+    ...     start_s, stop_s, value = np.array(triples).T
+    ...     return Series((start_s * 1e9).astype(np.int64), (stop_s * 1e9).astype(np.int64), np.float32(value))
+    >>> closed = periods((0, 10, 1), (10, 20, 0))
+    >>> seen_later = periods((8, 12, 1))
+    >>> series_distance(closed, seen_later), series_distance(closed, seen_later, min_common_s=5)
+    (0.5, nan)
+    """
+    start_ns, stop_ns = (np.concatenate([first[k], second[k]]).astype(np.int64) for k in (0, 1))
+    value = np.concatenate([first.value, second.value]).astype(np.float32)
+    offsets = np.cumsum([0, len(first.value), len(second.value)], dtype=np.int64)
+    both = SeriesSet(np.arange(2, dtype=np.int32), offsets, start_ns, stop_ns, value)
+    pair = np.zeros(1, dtype=np.int64), np.ones(1, dtype=np.int64)
+    return float(series_distances(both, *pair, distance=distance, min_common_s=min_common_s)[0])
+
+
+def neighbouring_pairs(
+    rows: Iterable[int] | NDArray[np.int32], cols: Iterable[int] | NDArray[np.int32], neighbourhood: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Which of some distinct cells, sorted by row and col, touch: each pair once, the smaller index first.
+
+    >>> [pair.tolist() for pair in neighbouring_pairs([0, 0, 1], [0, 1, 2], 8)]
+    [[0, 1], [1, 2]]
+    """
+    if neighbourhood not in (4, 8):
+        raise ConfigError(f"neighbourhood = {neighbourhood!r} cannot work; wanted 4 or 8")
+    rows, cols = (np.asarray(places, dtype=np.int64) for places in (rows, cols))
+    if not len(rows):
+        return np.empty(0, np.int64), np.empty(0, np.int64)
+    width = int(cols.max() - cols.min()) + 3  # one column of padding: a row's end touches no other row's begin
+    key = (rows - rows.min()) * width + (cols - cols.min())
+    left, right = [], []
+    for step in (1, width, width - 1, width + 1)[: neighbourhood // 2]:
+        found = np.minimum(np.searchsorted(key, key + step), len(key) - 1)
+        touches = np.flatnonzero(key[found] == key + step)
+        left.append(touches)
+        right.append(found[touches])
+    order = np.lexsort((np.concatenate(right), np.concatenate(left)))
+    return np.concatenate(left)[order], np.concatenate(right)[order]

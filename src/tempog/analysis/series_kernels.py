@@ -1,0 +1,94 @@
+"""Kernels over the time series of chosen cells: merges of sorted lists of intervals that do not overlap."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tempog._jit import kernel
+
+
+@kernel
+def pair_distances(
+    offsets: NDArray[np.int64],
+    start_ns: NDArray[np.int64],
+    stop_ns: NDArray[np.int64],
+    value: NDArray[np.float32],
+    left: NDArray[np.int64],
+    right: NDArray[np.int64],
+    p: float,
+    integral: NDArray[np.float64],
+    common_ns: NDArray[np.int64],
+) -> None:
+    """For each pair of series: the integral of |difference|**p over the time both were seen, and that time.
+
+    left, right (n_pairs,) which series; intervals of series i are at ``offsets[i]:offsets[i + 1]``
+    integral, common_ns (n_pairs,) seconds and nanoseconds   [written]
+    """
+    for k in range(left.shape[0]):
+        a, a_end = offsets[left[k]], offsets[left[k] + 1]
+        b, b_end = offsets[right[k]], offsets[right[k] + 1]
+        total = 0.0
+        common = 0
+        while a < a_end and b < b_end:
+            lasted = min(stop_ns[a], stop_ns[b]) - max(start_ns[a], start_ns[b])
+            if lasted > 0:
+                common += lasted
+                total += abs(np.float64(value[a]) - np.float64(value[b])) ** p * (lasted * 1e-9)
+            if stop_ns[a] <= stop_ns[b]:
+                a += 1
+            else:
+                b += 1
+        integral[k] = total
+        common_ns[k] = common
+
+
+@kernel
+def connect(left: NDArray[np.int64], right: NDArray[np.int64], parent: NDArray[np.int64]) -> None:
+    """Union-find: afterwards ``parent[i]`` is the smallest member of the component that i belongs to.
+
+    parent (n,) 0, 1, 2, ...   [updated]
+    """
+    for k in range(left.shape[0]):
+        a, b = left[k], right[k]
+        while parent[a] != a:
+            parent[a] = parent[parent[a]]
+            a = parent[a]
+        while parent[b] != b:
+            parent[b] = parent[parent[b]]
+            b = parent[b]
+        if a < b:
+            parent[b] = a
+        else:
+            parent[a] = b
+    for i in range(parent.shape[0]):  # a parent comes before its children, so it is settled already
+        parent[i] = parent[parent[i]]
+
+
+@kernel
+def intersect(
+    a_start: NDArray[np.int64],
+    a_stop: NDArray[np.int64],
+    a_state: NDArray[np.int64],
+    b_start: NDArray[np.int64],
+    b_stop: NDArray[np.int64],
+    b_state: NDArray[np.int64],
+    start: NDArray[np.int64],
+    stop: NDArray[np.int64],
+    state: NDArray[np.int64],
+) -> int:
+    """Where both series were seen, with the bits of both states; returns how many periods that are.
+
+    start, stop, state (capacity,)   [written]; capacity >= len(a) + len(b)
+    """
+    i, j, n = 0, 0, 0
+    while i < a_start.shape[0] and j < b_start.shape[0]:
+        since, until = max(a_start[i], b_start[j]), min(a_stop[i], b_stop[j])
+        if since < until:
+            start[n], stop[n], state[n] = since, until, a_state[i] | b_state[j]
+            n += 1
+        if a_stop[i] <= b_stop[j]:
+            i += 1
+        else:
+            j += 1
+    return n

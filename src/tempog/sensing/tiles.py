@@ -187,3 +187,12 @@ class TileIndex:
         c = self.tile_cols[: self.n_tiles] - extent.col0 // TILE
         dense[r, :, c, :] = per_cell[: self.n_cells].reshape(-1, TILE, TILE)
         return dense.reshape(extent.shape)
+
+    def from_dense(self, dense: NDArray[T]) -> NDArray[T]:
+        """The reverse of `to_dense`: ``(n_cells,)``, by cell number."""
+        extent = self.extent
+        tiled = dense.reshape(extent.n_rows // TILE, TILE, extent.n_cols // TILE, TILE)
+        r = self.tile_rows[: self.n_tiles] - extent.row0 // TILE
+        c = self.tile_cols[: self.n_tiles] - extent.col0 // TILE
+        per_cell: NDArray[T] = tiled[r, :, c, :].reshape(-1)
+        return per_cell

@@ -118,6 +118,11 @@ def check_new_picture(path: Path, force: bool) -> None:
     """Refuse to write over a file unless told to, into no directory, and in an unknown format."""
     if path.suffix.lower() not in PICTURE_SUFFIXES:
         raise ConfigError(f"{path} names no picture format; wanted a name that ends in {', '.join(PICTURE_SUFFIXES)}")
+    check_new_file(path, force)
+
+
+def check_new_file(path: Path, force: bool) -> None:
+    """Refuse to write over a file unless told to, and into no directory."""
     if path.is_dir():
         raise MapError(f"{path} is a directory; name a file")
     if path.exists() and not force:

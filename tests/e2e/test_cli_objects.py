@@ -1,0 +1,121 @@
+"""``tempog objects`` as a user calls it."""
+
+from __future__ import annotations
+
+import json
+import sys
+from importlib.resources import files
+from pathlib import Path
+
+import jsonschema
+import pytest
+
+from tempog import build_grid, save_map
+from tempog.cli.app import run
+from tempog.simulation import corridor, simulate
+
+SCHEMA = json.loads((files("tempog") / "schemas/objects-1.json").read_text(encoding="utf-8"))
+# Not the defaults, which find no object in the corridor: so that every part of the file is there to be checked.
+GENEROUS = ["--none-share", 0.9, "--both-share", 0.9, "--min-common", 0.5]
+
+
+@pytest.fixture(scope="module")
+def corridor_map(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("maps") / "corridor.tempog"
+    save_map(build_grid(simulate(corridor(seed=0), duration_s=120, seed=0).scans), path)
+    return path
+
+
+@pytest.fixture
+def tempog(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    def call(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["tempog", "objects", *(str(word) for word in words)])
+        capsys.readouterr()
+        code = 0
+        try:
+            run()
+        except SystemExit as stop:
+            code = int(stop.code or 0)
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return call
+
+
+def test_the_schema_is_one() -> None:
+    jsonschema.Draft202012Validator.check_schema(SCHEMA)
+
+
+@pytest.mark.parametrize("words", [[], GENEROUS, ["--from", "+20", "--to", "+60"]])
+def test_the_file_follows_the_schema(tempog, corridor_map: Path, tmp_path: Path, words: list[object]) -> None:
+    code, out, err = tempog(corridor_map, "--json", tmp_path / "o.json", "--high-dynamic", *words)
+    assert (code, err) == (0, "")
+    document = json.loads((tmp_path / "o.json").read_text())
+    jsonschema.Draft202012Validator(SCHEMA).validate(document)
+    assert document["static"]
+    assert document["unassociated"] or document["objects"]
+    assert len(document["high_dynamic"]) == 1
+    if words == GENEROUS:
+        assert document["objects"]
+    assert out.startswith(f"{len(document['objects'])} objects, {len(document['unassociated'])} configurations")
+    ids = {place["id"] for one in document["objects"] for place in one["configurations"]}
+    assert not ids & {place["id"] for place in document["unassociated"]}
+    for one in document["objects"]:
+        assert {state for _, _, state in one["timeline"]} <= {p["id"] for p in one["configurations"]} | {None}
+
+
+def test_the_schema_refuses_what_is_wrong(tempog, corridor_map: Path, tmp_path: Path) -> None:
+    tempog(corridor_map, "--json", tmp_path / "o.json", *GENEROUS)
+    validator = jsonschema.Draft202012Validator(SCHEMA)
+    for key, wrong in [("version", 2), ("static", [[1]]), ("objects", [{"id": 1}]), ("surprise", 1)]:
+        document = json.loads((tmp_path / "o.json").read_text())
+        document[key] = wrong
+        assert not validator.is_valid(document), key
+    document = json.loads((tmp_path / "o.json").read_text())
+    document["objects"][0]["configurations"][0]["periods"][0][2] = "ajar"
+    assert not validator.is_valid(document)
+
+
+def test_a_period_is_the_files_period(tempog, corridor_map: Path, tmp_path: Path) -> None:
+    tempog(corridor_map, "--json", tmp_path / "o.json", "--from", "+20", "--to", "+60")
+    document = json.loads((tmp_path / "o.json").read_text())
+    assert document["stop_s"] - document["start_s"] == pytest.approx(40.0)
+    for place in document["unassociated"]:
+        for start, stop, _ in place["periods"]:
+            assert document["start_s"] <= start < stop <= document["stop_s"] + 0.1 + 1e-6  # a look lasts 0.1 s
+
+
+def test_a_file_that_exists_is_not_overwritten_without_force(tempog, corridor_map: Path, tmp_path: Path) -> None:
+    file = tmp_path / "o.json"
+    file.write_text("precious")
+    code, _, err = tempog(corridor_map, "--json", file)
+    assert code == 1
+    assert "--force" in err
+    assert file.read_text() == "precious"
+    assert tempog(corridor_map, "--json", file, "--force")[0] == 0
+    assert json.loads(file.read_text())["format"] == "tempog-objects"
+    assert [path.name for path in tmp_path.iterdir()] == ["o.json"]
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "expected"),
+    [
+        (["--max-states", 1], 2, "max_states"),
+        (["--within", 0], 2, "within_m"),
+        (["--distance-p", 0], 2, "distance_p"),
+        (["--both-share", 2], 2, "both_share"),
+        (["--method", "magic"], 2, "magic"),
+        (["--from", "+1000", "--to", "+2000"], 1, "no scan"),
+        (["--json", "no/such/place.json"], 1, "not a directory"),
+    ],
+)
+def test_what_cannot_work_is_refused(
+    tempog, corridor_map: Path, words: list[object], code: int, expected: str
+) -> None:
+    got, _, err = tempog(corridor_map, *words)
+    assert (got, expected in err) == (code, True), err
+
+
+def test_within_inf_compares_all_pairs(tempog, corridor_map: Path, tmp_path: Path) -> None:
+    assert tempog(corridor_map, "--within", "inf", "--max-states", 2, "--json", tmp_path / "o.json")[0] == 0
+    assert json.loads((tmp_path / "o.json").read_text())["settings"]["within_m"] is None

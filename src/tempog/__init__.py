@@ -11,10 +11,13 @@ from typing import TYPE_CHECKING, Any
 from tempog._version import __version__
 
 if TYPE_CHECKING:
+    from tempog.analysis.configurations import Configuration, find_configurations
     from tempog.analysis.dynamics import map_dynamics
+    from tempog.analysis.high_dynamic import HighDynamic, high_dynamic
+    from tempog.analysis.objects import MovingObject, associate
     from tempog.analysis.occupancy import occupancy_grid
     from tempog.analysis.static import CellClass, static_map
-    from tempog.config import GridConfig, MapConfig, SensingConfig
+    from tempog.config import GridConfig, MapConfig, ObjectsConfig, SensingConfig
     from tempog.errors import (
         ClockError,
         ConfigError,
@@ -36,10 +39,13 @@ if TYPE_CHECKING:
 
 # Numba takes a second to import, so nothing is loaded before it is used.
 _HOMES = {
+    "tempog.analysis.configurations": ["Configuration", "find_configurations"],
     "tempog.analysis.dynamics": ["map_dynamics"],
+    "tempog.analysis.high_dynamic": ["HighDynamic", "high_dynamic"],
+    "tempog.analysis.objects": ["MovingObject", "associate"],
     "tempog.analysis.occupancy": ["occupancy_grid"],
     "tempog.analysis.static": ["CellClass", "static_map"],
-    "tempog.config": ["GridConfig", "MapConfig", "SensingConfig"],
+    "tempog.config": ["GridConfig", "MapConfig", "ObjectsConfig", "SensingConfig"],
     "tempog.errors": [
         "ClockError",
         "ConfigError",
@@ -67,12 +73,16 @@ __all__ = [
     "Changes",
     "ClockError",
     "ConfigError",
+    "Configuration",
     "EmptyWindowError",
     "ExtentError",
     "GridConfig",
+    "HighDynamic",
     "History",
     "MapConfig",
     "MapError",
+    "MovingObject",
+    "ObjectsConfig",
     "SavedMap",
     "Scan",
     "ScanError",
@@ -85,7 +95,10 @@ __all__ = [
     "TimeIndex",
     "Window",
     "__version__",
+    "associate",
     "build_grid",
+    "find_configurations",
+    "high_dynamic",
     "map_dynamics",
     "occupancy_grid",
     "open_map",

@@ -8,7 +8,8 @@ TempogError
 ├── TimeError           a moment that the map does not cover
 │   ├── MomentError     what was given is no moment; also a ConfigError
 │   └── EmptyWindowError   no scan falls into the period asked for
-└── MapError            a saved map that cannot be read or written
+├── MapError            a saved map that cannot be read or written
+└── WorldError          a world to simulate that cannot be, or whose file cannot be read
 
 Every message says what was seen, what was wanted and what to do. The library raises these and never
 prints; the command line shows the message alone, without a traceback.
@@ -49,3 +50,7 @@ class EmptyWindowError(TimeError):
 
 class MapError(TempogError):
     """A saved map that cannot be read or written."""
+
+
+class WorldError(TempogError, ValueError):
+    """A world to simulate that cannot be, or whose file cannot be read."""

@@ -1,0 +1,326 @@
+"""A world in which everybody minds everybody: doors wait for people, people walk around each other.
+
+Metres and radians in the map frame, seconds since the start. `World` is its scripted sister, in which
+everything keeps to its path whatever stands in the way.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tempog.errors import WorldError
+from tempog.simulation.polygons import outline
+from tempog.simulation.schedules import Never, Schedule
+from tempog.simulation.world import Laser, Point, Wall
+
+Kind = Literal["hinged", "sliding", "box"]
+Pose = tuple[float, float, float]
+
+SMALLEST_AREA_M2 = 1e-6  # a wall below has no inside that anything could be kept out of
+SHORTEST_STUB_M = 0.01  # of a wall between two openings; less is rounding, not masonry
+
+
+@dataclass(frozen=True)
+class Thing:
+    """A rectangle with a name that stands at one of several places: a door's leaf, or a box.
+
+    Attributes
+    ----------
+    name : str
+    kind : "hinged", "sliding" or "box"
+        Leaves swing or slide from place to place; a box is carried, and gone while it is on the way.
+    length_m, thickness_m : float, metres
+        A hinged leaf turns about one of its corners: the pin lies on the face that leads when it opens, and
+        the thickness behind it, as in `Door`. A sliding leaf starts at its pose and is centred across
+        itself; a box has its pose at its middle.
+    places : dict of name -> (x, y, theta), metres, metres, radians
+        For a hinged leaf, x and y are the hinge. The first place is where it counts as closed.
+    schedule : Schedule
+    initial : str, optional
+        Default: the first place.
+    move_s : float, seconds
+        From any place to any other.
+    """
+
+    name: str
+    kind: Kind
+    length_m: float
+    thickness_m: float
+    places: dict[str, Pose] = field(hash=False)
+    schedule: Schedule = field(default_factory=Never)
+    initial: str = ""
+    move_s: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not (0 < self.length_m < math.inf and 0 < self.thickness_m < math.inf and 0 < self.move_s < math.inf):
+            raise WorldError(
+                f"{self.label}: length_m = {self.length_m!r}, thickness_m = {self.thickness_m!r}, move_s ="
+                f" {self.move_s!r}; wanted all three above 0"
+            )
+        if not self.places:
+            raise WorldError(f"{self.label}.places is empty; wanted one place or more")
+        if "moving" in self.places:
+            raise WorldError(f'{self.label}.places: "moving" is what it does between places; wanted another name')
+        if not self.initial:
+            object.__setattr__(self, "initial", next(iter(self.places)))
+        for key, name in [("initial", self.initial), *(("schedule", name) for name in self.schedule.named())]:
+            if name not in self.places:
+                raise WorldError(f"{self.label}.{key} names {name!r}; wanted one of {', '.join(self.places)}")
+
+    @property
+    def label(self) -> str:
+        """How messages call it: the key of its table in a file."""
+        return f"{'box' if self.kind == 'box' else 'door'}.{self.name}"
+
+    @property
+    def rectangle(self) -> NDArray[np.float64]:
+        """Its corners in its own frame, (4, 2) metres."""
+        length, thick = self.length_m, self.thickness_m
+        if self.kind == "box":
+            x0, x1, y0, y1 = -length / 2, length / 2, -thick / 2, thick / 2
+        elif self.kind == "sliding":
+            x0, x1, y0, y1 = 0.0, length, -thick / 2, thick / 2
+        else:
+            angles = [theta for _, _, theta in self.places.values()]
+            opens_left = len(angles) > 1 and angles[1] > angles[0]
+            x0, x1, y0, y1 = 0.0, length, 0.0, -thick if opens_left else thick
+        return np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
+
+    def corners(self, place: str) -> NDArray[np.float64]:
+        """Its corners at a place, (4, 2) metres."""
+        if place not in self.places:
+            raise WorldError(f"{self.label} has no place {place!r}; wanted one of {', '.join(self.places)}")
+        return placed(self.rectangle, self.places[place])
+
+
+@dataclass(frozen=True)
+class Crowd:
+    """People who walk between goals, each with a speed and a mind of their own.
+
+    Attributes
+    ----------
+    number : int
+    speed_m_s : (low, high), metres per second
+        Each person's is drawn evenly in between.
+    turn_rate_hz : (low, high), per second
+        How often a person changes direction.
+    pause_s : float, seconds
+        Mean length of a pause; people make one at half of their goals.
+    radius_m : float, metres
+    """
+
+    number: int = 0
+    speed_m_s: tuple[float, float] = (0.05, 1.5)
+    turn_rate_hz: tuple[float, float] = (0.02, 0.3)
+    pause_s: float = 8.0
+    radius_m: float = 0.25
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.number <= 1000:
+            raise WorldError(f"people.number = {self.number!r}; wanted 0 to 1000")
+        for key, (low, high) in (("speed_m_s", self.speed_m_s), ("turn_rate_hz", self.turn_rate_hz)):
+            if not 0 <= low <= high <= 3:
+                raise WorldError(f"people.{key} = {[low, high]}; wanted a low and a high value from 0 to 3")
+        if not (0 <= self.pause_s < math.inf and 0.05 <= self.radius_m <= 1):
+            raise WorldError(
+                f"people.pause_s = {self.pause_s!r}, radius_m = {self.radius_m!r}; wanted seconds of 0 or more,"
+                " and a radius from 0.05 to 1 m"
+            )
+
+
+@dataclass(frozen=True)
+class Route:
+    """A differential drive that turns towards each waypoint and drives there, over and over.
+
+    It stops while somebody or a leaf is within `stop_m` ahead of it.
+
+    Attributes
+    ----------
+    waypoints : tuple of (x, y), metres
+        Of the laser, which sits on the robot's axis. A single one: it stands still.
+    back_and_forth : bool
+        From the last waypoint back over the others; else straight back to the first.
+    speed_m_s, turn_rad_s : float
+        The most it does.
+    radius_m, stop_m : float, metres
+    heading_rad : float, radians
+        Where it looks if it stands still.
+    """
+
+    waypoints: tuple[Point, ...]
+    back_and_forth: bool = True
+    speed_m_s: float = 0.5
+    turn_rad_s: float = math.pi / 2
+    radius_m: float = 0.3
+    stop_m: float = 0.2
+    heading_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.waypoints:
+            raise WorldError("robot.waypoints is empty; wanted one point or more")
+        for key in ("speed_m_s", "turn_rad_s", "radius_m"):
+            if not 0 < getattr(self, key) < math.inf:
+                raise WorldError(f"robot.{key} = {getattr(self, key)!r}; wanted a number above 0")
+        if not 0 <= self.stop_m < math.inf:
+            raise WorldError(f"robot.stop_m = {self.stop_m!r}; wanted metres of 0 or more")
+        for k, (point, following) in enumerate(pairwise(self.waypoints)):
+            if point == following:
+                raise WorldError(f"robot.waypoints: numbers {k} and {k + 1} are both {point}; wanted them to differ")
+
+    @property
+    def round_trip(self) -> tuple[Point, ...]:
+        """The waypoints of one round; after the last comes the first again."""
+        if len(self.waypoints) < 3 or not self.back_and_forth:
+            return self.waypoints
+        return (*self.waypoints, *self.waypoints[-2:0:-1])
+
+
+@dataclass(frozen=True)
+class PoseError:
+    """How far the poses that scans carry are from the true ones.
+
+    Attributes
+    ----------
+    white_m, white_rad : float
+        Standard deviation of an error drawn anew for each scan.
+    drift_m, drift_rad : float
+        Standard deviation of an error that wanders slowly about zero.
+    drift_s : float, seconds
+        Time in which the drift forgets itself (to 1/e).
+    """
+
+    white_m: float = 0.0
+    white_rad: float = 0.0
+    drift_m: float = 0.0
+    drift_rad: float = 0.0
+    drift_s: float = 60.0
+
+    def __post_init__(self) -> None:
+        for key in ("white_m", "white_rad", "drift_m", "drift_rad"):
+            if not 0 <= getattr(self, key) < math.inf:
+                raise WorldError(f"pose_error.{key} = {getattr(self, key)!r}; wanted 0 or more")
+        if not 0 < self.drift_s < math.inf:
+            raise WorldError(f"pose_error.drift_s = {self.drift_s!r}; wanted seconds above 0")
+
+
+@dataclass(frozen=True)
+class Site:
+    """Everything `simulate_site` needs; built in Python, or read by `load_world`.
+
+    Raises
+    ------
+    WorldError
+        A wall without area, two things of one name, a route that leads through a wall, or a place of a
+        thing at a waypoint.
+    """
+
+    robot: Route
+    walls: tuple[Wall, ...] = ()
+    things: tuple[Thing, ...] = ()
+    people: Crowd = Crowd()
+    laser: Laser = field(default_factory=Laser)
+    pose_error: PoseError = PoseError()
+    duration_s: float = 60.0
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        if not 0 < self.duration_s < math.inf:
+            raise WorldError(f"duration_s = {self.duration_s!r}; wanted seconds above 0")
+        for k, wall in enumerate(self.walls):
+            check_wall(wall.corners, f"wall {k}")
+        names = [thing.label for thing in self.things]
+        for thing in self.things:
+            if names.count(thing.label) > 1:
+                raise WorldError(f"{thing.label} is there twice; wanted every name once")
+        self._check_waypoints()
+
+    def _check_waypoints(self) -> None:
+        robot = self.robot
+        stops = robot.round_trip
+        legs = list(zip(stops, (*stops[1:], stops[0]), strict=True))
+        for wall in self.walls:
+            corners = np.array(wall.corners)
+            for k, point in enumerate(robot.waypoints):
+                if (gap := disc_gap(point, corners)) < robot.radius_m:
+                    raise WorldError(
+                        f"robot.waypoints: number {k}, {point}, is {gap:.2f} m from the wall around"
+                        f" {_middle(corners)}; wanted {robot.radius_m:g} m, the robot's radius, or more"
+                    )
+            for start, end in legs:
+                if (gap := leg_gap(start, end, corners)) < robot.radius_m:
+                    raise WorldError(
+                        f"robot.waypoints: the way from {start} to {end} is {gap:.2f} m from the wall around"
+                        f" {_middle(corners)}; wanted {robot.radius_m:g} m, the robot's radius, or more"
+                    )
+        for thing in self.things:
+            used = [thing.initial, *thing.schedule.named()]
+            for place in thing.places:
+                for k, point in enumerate(robot.waypoints):
+                    if place in used and disc_gap(point, thing.corners(place)) < robot.radius_m:
+                        raise WorldError(
+                            f"{thing.label}.schedule puts it at {place!r}, {_middle(thing.corners(place))}, onto"
+                            f" the robot at waypoint {k}, {point}; wanted {robot.radius_m:g} m or more apart"
+                        )
+
+
+def placed(rectangle: NDArray[np.float64], pose: Pose) -> NDArray[np.float64]:
+    """A polygon of a thing's own frame, in the map frame."""
+    x, y, theta = pose
+    c, s = math.cos(theta), math.sin(theta)
+    return np.asarray(rectangle @ np.array([[c, s], [-s, c]]) + (x, y))
+
+
+def check_wall(corners: tuple[Point, ...], key: str) -> None:
+    """Raise WorldError for a wall that is no convex polygon with an inside."""
+    points = np.array(corners, dtype=np.float64)
+    sides = np.roll(points, -1, axis=0) - points
+    following = np.roll(sides, -1, axis=0)
+    turns = sides[:, 0] * following[:, 1] - sides[:, 1] * following[:, 0]
+    x, y = points.T
+    area = abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1))) / 2
+    if not area >= SMALLEST_AREA_M2:
+        raise WorldError(f"{key} at {_middle(points)} has no area; wanted corners around one, in metres")
+    if (turns < -1e-9).any() and (turns > 1e-9).any():
+        raise WorldError(f"{key} at {_middle(points)} is not convex; wanted it as several convex pieces")
+
+
+def disc_gap(point: Point, corners: NDArray[np.float64]) -> float:
+    """Distance from a point to a convex polygon; 0 inside. Metres."""
+    return leg_gap(point, point, corners)
+
+
+def leg_gap(start: Point, end: Point, corners: NDArray[np.float64]) -> float:
+    """Distance between a straight way and a convex polygon; 0 if they meet. Metres."""
+    a, b = np.array(start, dtype=np.float64), np.array(end, dtype=np.float64)
+    sides = outline(corners)
+    p, q = sides[:, :2], sides[:, 2:]
+    side, way = q - p, b - a
+    crossing = np.zeros(len(sides), dtype=bool)
+    determinant = way[0] * side[:, 1] - way[1] * side[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u = ((p - a)[:, 0] * side[:, 1] - (p - a)[:, 1] * side[:, 0]) / determinant
+        v = ((p - a)[:, 0] * way[1] - (p - a)[:, 1] * way[0]) / determinant
+        crossing = (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)
+    left = side[:, 0] * (a - p)[:, 1] - side[:, 1] * (a - p)[:, 0]
+    if crossing.any() or (left >= 0).all() or (left <= 0).all():
+        return 0.0
+    gaps = [_point_gap(end_, p, side) for end_ in (a, b)]
+    if way.any():
+        gaps.append(np.array([_point_gap(corner, a[None], way[None]).min() for corner in p]))
+    return float(min(gap.min() for gap in gaps))
+
+
+def _point_gap(point: NDArray[np.float64], p: NDArray[np.float64], side: NDArray[np.float64]) -> NDArray[np.float64]:
+    u = np.clip(((point - p) * side).sum(axis=1) / (side**2).sum(axis=1), 0.0, 1.0)
+    return np.asarray(np.hypot(*(p + u[:, None] * side - point).T))
+
+
+def _middle(points: NDArray[np.float64]) -> str:
+    x, y = points.mean(axis=0)
+    return f"({x:.2f}, {y:.2f}) m"

@@ -1,0 +1,238 @@
+"""Worlds as TOML files: what they may say, what they may not, and when things in them move."""
+
+import gzip
+import math
+
+import numpy as np
+import pytest
+
+from tempog.errors import TempogError, WorldError
+from tempog.simulation import load_world
+from tempog.simulation.schedules import Dwell, Listed, Recorded, Weekly
+from tempog.simulation.site import Route, Site, Thing, disc_gap, leg_gap
+from tempog.simulation.world import Wall
+
+ROOM = """
+duration_s = 20.0
+[robot]
+waypoints = [[1.0, 1.0], [4.0, 1.0]]
+[[wall]]
+line = [[0.0, 0.0], [6.0, 0.0], [6.0, 3.0], [0.0, 3.0]]
+thickness_m = 0.2
+closed = true
+"""
+DOOR = "\n[door.D1]\nhinge = [2.0, 3.1]\nplaces = { closed = 0, open = 90, half = 45 }\n"
+SLIDING = "\n[door.S]\nclosed = [4.0, 3.0]\nopen = [5.0, 3.0]\ndirection_deg = 0\n"
+BOX = "\n[box.B]\nsize_m = [0.4, 0.3]\nplaces = { here = [1.0, 2.3, 0], there = [4.0, 2.3, 30] }\n"
+
+
+@pytest.fixture
+def load(tmp_path):
+    def load(text):
+        path = tmp_path / "some.toml"
+        path.write_text(text, encoding="utf-8")
+        return load_world(path)
+
+    return load
+
+
+def area(wall):
+    x, y = np.array(wall.corners).T
+    return abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
+
+
+def covered(site, point):
+    return any(disc_gap(point, np.array(wall.corners)) == 0 for wall in site.walls)
+
+
+def test_a_closed_line_becomes_walls_that_fill_their_corners(load):
+    site = load(ROOM)
+    assert [area(wall) for wall in site.walls] == pytest.approx([6.2 * 0.2, 3.2 * 0.2] * 2)
+    assert covered(site, (-0.09, -0.09))
+    assert covered(site, (6.09, 3.09))
+    assert not covered(site, (0.11, 0.11))
+
+
+def test_a_door_cuts_the_wall_it_closes(load):
+    site = load(ROOM + DOOR)
+    assert covered(site, (1.95, 3.0))
+    assert not covered(site, (2.05, 3.0))
+    assert not covered(site, (2.85, 3.0))
+    assert covered(site, (2.95, 3.0))
+
+
+def test_the_thickness_of_a_leaf_lies_behind_the_face_that_leads(load):
+    (door,) = load(ROOM + DOOR).things
+    np.testing.assert_allclose(door.corners("closed"), [(2, 3.1), (2.9, 3.1), (2.9, 3.05), (2, 3.05)], atol=1e-9)
+    np.testing.assert_allclose(door.corners("open"), [(2, 3.1), (2, 4.0), (2.05, 4.0), (2.05, 3.1)], atol=1e-9)
+
+
+def test_an_open_sliding_leaf_is_hidden_in_the_wall(load):
+    site = load(ROOM + SLIDING)
+    (leaf,) = site.things
+    assert not covered(site, (4.45, 3.0))
+    assert all(covered(site, tuple(corner)) for corner in leaf.corners("open"))
+
+
+def test_an_opening_is_cut_and_a_block_is_a_wall(load):
+    site = load(ROOM + "[[opening]]\nfrom = [2, 0]\nto = [3, 0]\n[[wall]]\ncorners = [[2, 2], [2.3, 2], [2, 2.3]]\n")
+    assert not covered(site, (2.5, 0.0))
+    assert covered(site, (3.05, 0.0))
+    assert covered(site, (2.1, 2.1))
+
+
+def test_the_hallway_is_the_papers():
+    site = load_world("hallway")
+    assert [thing.name for thing in site.things] == [f"D{k}" for k in range(1, 9)]
+    assert [len(thing.places) for thing in site.things] == [3] + [2] * 7
+    xs = [x for wall in site.walls for x, _ in wall.corners]
+    assert 36 < max(xs) - min(xs) < 40
+
+
+def test_a_box_has_its_places_at_its_middle(load):
+    (box,) = load(ROOM + BOX).things
+    assert box.corners("there").mean(axis=0) == pytest.approx((4.0, 2.3))
+    assert box.initial == "here"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (ROOM + "[windows]\n", ["windows", "no known key", "opening"]),
+        (ROOM.replace("closed =", "shut ="), ["wall[0].shut", "no known key"]),
+        (ROOM + "[laser]\nbeams = 3\n", ["laser.beams", "n_beams"]),
+        (ROOM + "[laser]\nn_beams = 3.5\n", ["laser.n_beams", "3.5", "whole"]),
+        (ROOM + "[laser]\ndropout = 2.0\n", ["dropout = 2.0"]),
+        (ROOM + "[pose_error]\nwhite_m = -1.0\n", ["pose_error.white_m", "-1.0"]),
+        (ROOM + "[people]\nnumber = -3\n", ["people.number", "-3"]),
+        (ROOM + "[people]\nspeed_m_s = [2.0, 1.0]\n", ["people.speed_m_s", "[2.0, 1.0]"]),
+        (ROOM.replace("4.0, 1.0]]", "6.0, 1.0]]"), ["robot.waypoints", "number 1", "(6.0, 1.0)", "(6.00, 1.50) m"]),
+        (ROOM.replace("4.0, 1.0]]", "4.0, 9.0]]"), ["robot.waypoints", "the way from", "(3.00, 3.00) m"]),
+        (ROOM.replace("4.0, 1.0]]", "1.0, 1.0]]"), ["robot.waypoints", "numbers 0 and 1"]),
+        (ROOM.replace("waypoints", "ways"), ["robot.waypoints is missing"]),
+        (ROOM.replace("0.2", "0.0"), ["wall[0].thickness_m", "0.0"]),
+        (ROOM.replace("[6.0, 0.0]", "[0.0, 0.0]"), ["wall[0].line", "(0.0, 0.0)", "no area"]),
+        (ROOM + "[[wall]]\ncorners = [[2, 2], [3, 2], [4, 2]]\n", ["wall[1]", "(3.00, 2.00) m", "no area"]),
+        (ROOM + "[[wall]]\ncorners = [[2, 2], [4, 2], [2.5, 2.2], [2, 3]]\n", ["wall[1]", "not convex"]),
+        (ROOM + "[[opening]]\nfrom = [2, 1]\nto = [3, 1]\n", ["opening[0]", "(2.0, 1.0)", "no wall"]),
+        (ROOM + DOOR + 'initial = "ajar"\n', ["door.D1.initial", "'ajar'", "closed, open, half"]),
+        (ROOM + DOOR + 'schedule.moves = [[3, "ajar"]]\n', ["door.D1.schedule", "'ajar'", "closed, open, half"]),
+        (ROOM + DOOR + "schedule.dwell_s = { ajar = 5 }\n", ["door.D1.schedule", "'ajar'"]),
+        (ROOM + DOOR + "schedule.dwell_s = { open = 0 }\n", ["door.D1.schedule.dwell_s.open", "0.0"]),
+        (ROOM + DOOR + 'schedule.moves = [[5, "open"], [3, "closed"]]\n', ["door.D1.schedule.moves", "order"]),
+        (ROOM + DOOR + 'schedule.moves = ["open"]\n', ["door.D1.schedule.moves[0]", "'open'"]),
+        (ROOM + DOOR + 'schedule.daily = [["25:00", "open"]]\n', ["door.D1.schedule.daily", "'25:00'"]),
+        (ROOM + DOOR + "schedule = { moves = [], dwell_s = {} }\n", ["door.D1.schedule", "moves and dwell_s"]),
+        (ROOM + DOOR + "schedule.weekly.sun2 = []\n", ["door.D1.schedule.weekly.sun2", "no known key"]),
+        (ROOM + DOOR + 'schedule.series = "none.txt"\n', ["door.D1.schedule.series", "none.txt", "No such file"]),
+        (ROOM + DOOR.replace("hinge", "pin"), ["door.D1", "hinge", "direction_deg"]),
+        (ROOM + DOOR.replace("open =", "moving ="), ["door.D1.places", '"moving"']),
+        (ROOM + DOOR + "length_m = 0\n", ["door.D1", "length_m = 0.0"]),
+        (
+            ROOM + BOX.replace("4.0, 2.3", "4.0, 1.2") + 'schedule.moves = [[5, "there"]]\n',
+            ["box.B.schedule", "'there'", "(4.00, 1.20) m", "onto the robot at waypoint 1"],
+        ),
+        (
+            ROOM
+            + '[door.X]\nhinge = [1.0, 1.5]\nplaces = { open = 90, closed = 270 }\nschedule.moves = [[9, "closed"]]',
+            ["door.X.schedule", "'closed'", "onto the robot at waypoint 0"],
+        ),
+        ("x = [", ["cannot read", "some.toml"]),
+    ],
+)
+def test_what_a_file_cannot_say_is_refused_with_file_key_and_place(load, text, words):
+    with pytest.raises(WorldError) as caught:
+        load(text)
+    assert isinstance(caught.value, TempogError)
+    for word in ["some.toml", *words]:
+        assert word in str(caught.value)
+
+
+def test_a_file_that_is_not_there_is_refused_with_the_worlds_that_are(tmp_path):
+    with pytest.raises(WorldError, match=r"(?s)nowhere\.toml: No such file.*Packaged worlds: hallway"):
+        load_world(tmp_path / "nowhere.toml")
+
+
+def test_worlds_made_in_python_are_checked_too():
+    with pytest.raises(WorldError, match="no area"):
+        Site(Route(((0.0, 0.0),)), (Wall(((1.0, 1.0), (2.0, 2.0), (3.0, 3.0))),))
+    box = Thing("B", "box", 0.4, 0.4, {"here": (3.0, 0.0, 0.0)})
+    with pytest.raises(WorldError, match=r"box\.B is there twice"):
+        Site(Route(((0.0, 0.0),)), things=(box, box))
+    with pytest.raises(WorldError, match=r"box\.B has no place 'there'"):
+        box.corners("there")
+
+
+def test_the_gap_between_a_way_and_a_polygon_is_what_it_should_be():
+    box = np.array(Wall.box(0.0, 0.0, 2.0, 1.0).corners)
+    assert leg_gap((-1.0, 0.5), (3.0, 0.5), box) == 0  # right through
+    assert leg_gap((0.5, 0.5), (0.6, 0.5), box) == 0  # inside
+    assert leg_gap((-5.0, 3.0), (9.0, 3.0), box) == pytest.approx(2.0)
+    assert leg_gap((3.0, -4.0), (3.0, 9.0), box[::-1]) == pytest.approx(1.0)
+    assert disc_gap((5.0, 5.0), box) == pytest.approx(5.0)
+
+
+# --- schedules ---
+
+
+def moves(schedule, duration_s=1000.0, seed=0, places=("closed", "open", "wide")):
+    return schedule.moves(places, "closed", duration_s, np.random.default_rng(seed))
+
+
+def test_listed_moves_are_made_until_the_end():
+    assert moves(Listed(((1.0, "open"), (4.0, "closed"), (7.0, "open"))), 7.0) == [(1.0, "open"), (4.0, "closed")]
+
+
+def test_dwell_times_have_their_means_and_follow_the_seed():
+    dwell = Dwell({"closed": 30.0, "open": 10.0})
+    made = moves(dwell, 200_000.0)
+    t, places = np.array([t for t, _ in made]), [place for _, place in made]
+    assert set(places[::2]) == {"open"}
+    stays = np.diff(t)
+    assert stays[::2].mean() == pytest.approx(10.0, rel=0.1)
+    assert stays[1::2].mean() == pytest.approx(30.0, rel=0.1)
+    assert made == moves(dwell, 200_000.0)
+    assert made != moves(dwell, 200_000.0, seed=1)
+
+
+def test_with_three_places_every_one_is_gone_to():
+    assert {place for _, place in moves(Dwell(dict.fromkeys(("closed", "open", "wide"), 5.0)))} == {
+        "closed",
+        "open",
+        "wide",
+    }
+
+
+def test_a_daily_pattern_repeats_and_a_day_of_the_week_may_differ(load):
+    text = 'schedule = { daily = [["08:00", "open"], ["18:00", "closed"]], weekly.tue = [], start = "mon 07:00" }\n'
+    (door,) = load(ROOM + DOOR + text).things
+    made = door.schedule.moves(list(door.places), "closed", 3 * 86400.0, np.random.default_rng(0))
+    assert [(t / 3600, place) for t, place in made] == [(1, "open"), (11, "closed"), (49, "open"), (59, "closed")]
+
+
+def test_a_week_begins_again():
+    weekly = Weekly(((0.0, "open"), (60.0, "closed")), start_s=7 * 86400.0 - 30.0)
+    assert moves(weekly, 200.0) == [(30.0, "open"), (90.0, "closed")]
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("lines", ["0\n0\n1\n1\n0\n", "100 0\n160 0\n220 1\n280 1\n340 0\n"])
+def test_a_recorded_door_moves_as_it_did(load, tmp_path, lines, packed):
+    data = lines.encode()
+    (tmp_path / "door.txt").write_bytes(gzip.compress(data) if packed else data)
+    (door,) = load(ROOM + DOOR + 'schedule = { series = "door.txt", speed = 10 }\n').things
+    assert isinstance(door.schedule, Recorded)
+    assert moves(door.schedule) == [(12.0, "open"), (24.0, "closed")]
+
+
+@pytest.mark.parametrize("lines", ["0\n2\n", "5 1\n4 0\n", "one\n", "1 2 3\n", ""])
+def test_a_damaged_recording_is_refused_with_its_place(load, tmp_path, lines):
+    (tmp_path / "door.txt").write_text(lines)
+    with pytest.raises(WorldError, match=r"door\.D1\.schedule\.series: .*door\.txt"):
+        load(ROOM + DOOR + 'schedule.series = "door.txt"\n')
+
+
+def test_angles_in_files_are_degrees(load):
+    site = load(ROOM + "[pose_error]\nwhite_deg = 0.5\n[laser]\nfov_deg = 270\n")
+    assert site.laser.fov_rad == pytest.approx(1.5 * math.pi)
+    assert site.pose_error.white_rad == pytest.approx(math.radians(0.5))

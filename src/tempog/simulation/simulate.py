@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tempog.errors import ConfigError
 from tempog.scans.scan import Scan
 from tempog.simulation.polygons import covered_cells, outline
-from tempog.simulation.world import DoorState, RestState, World
+from tempog.simulation.world import DoorState, Laser, RestState, World
 
 START_S = 1_750_000_000  # s, Unix: every simulation starts on 15 June 2025, 15:06:40 UTC
 SHORTEST_RANGE_M = 0.001  # m; noise on a beam that starts at a wall would else make it zero or negative
@@ -24,6 +24,7 @@ class Hit(IntEnum):
     WALL = 1
     DOOR = 2
     PERSON = 3
+    BOX = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,22 +158,7 @@ def simulate(world: World, duration_s: float | None = None, seed: int = 0) -> Si
         angles_map = theta + laser.angles
         cast_beams(x, y, angles_map, segments, discs, float(laser.max_range_m), distances[k], ids[k])
 
-    rng = np.random.default_rng(seed)
-    ranges = distances + rng.normal(0.0, laser.sigma_m, distances.shape)
-    ranges = np.maximum(np.round(ranges, 3), SHORTEST_RANGE_M)  # a sensor tells whole millimetres
-    lost = rng.random(distances.shape) < laser.dropout
-    ranges[lost | (ranges >= laser.max_range_m)] = np.inf
-    scans = [
-        Scan(
-            t=0.0,  # stamp_ns below is exact
-            pose=(x, y, theta),
-            angles=laser.angles,
-            ranges=ranges[k],
-            max_range=laser.max_range_m,
-            stamp_ns=START_S * 1_000_000_000 + round(t[k] * 1e9),
-        )
-        for k, (x, y, theta) in enumerate(poses)
-    ]
+    scans = take_scans(laser, t, poses, distances, np.random.default_rng(seed))
     return Simulation(
         world=world,
         duration_s=float(duration_s),
@@ -184,3 +170,28 @@ def simulate(world: World, duration_s: float | None = None, seed: int = 0) -> Si
         door_angles=door_angles,
         people=people,
     )
+
+
+def take_scans(
+    laser: Laser,
+    t: NDArray[np.float64],
+    poses: NDArray[np.float64],
+    distances: NDArray[np.float64],
+    rng: np.random.Generator,
+) -> list[Scan]:
+    """True distances (n_scans, n_beams) as the laser tells them: with noise and drop-outs, at `poses`."""
+    ranges = distances + rng.normal(0.0, laser.sigma_m, distances.shape)
+    ranges = np.maximum(np.round(ranges, 3), SHORTEST_RANGE_M)  # a sensor tells whole millimetres
+    lost = rng.random(distances.shape) < laser.dropout
+    ranges[lost | (ranges >= laser.max_range_m)] = np.inf
+    return [
+        Scan(
+            t=0.0,  # stamp_ns below is exact
+            pose=(x, y, theta),
+            angles=laser.angles,
+            ranges=ranges[k],
+            max_range=laser.max_range_m,
+            stamp_ns=START_S * 1_000_000_000 + round(t[k] * 1e9),
+        )
+        for k, (x, y, theta) in enumerate(poses)
+    ]

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from tempog._version import __version__
-from tempog.cli import demo, history, info, map_logs, objects, show
+from tempog.cli import demo, history, info, map_logs, objects, show, simulate
 from tempog.errors import ConfigError, TempogError
 
 BAD_DATA, WRONG_USAGE = 1, 2
@@ -27,6 +27,7 @@ app.command("show")(show.show)
 # A coordinate such as -3.2 is not an option.
 app.command("history", context_settings={"ignore_unknown_options": True})(history.history)
 app.command("objects")(objects.objects)
+app.command("simulate")(simulate.simulate)
 app.command("demo")(demo.demo)
 
 

@@ -1,0 +1,79 @@
+"""``tempog simulate``: a world file to a log, with the truth beside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tempog.cli._output import (
+    ForceFlag,
+    JsonFlag,
+    QuietFlag,
+    count_text,
+    duration_text,
+    print_json,
+    status,
+    wants_progress,
+)
+from tempog.errors import ConfigError, ScanError
+
+LOG_SUFFIXES = (".npz", ".log", ".clf")
+
+
+def simulate(
+    world: Annotated[str, typer.Argument(metavar="WORLD", help='A world as a TOML file, or "hallway".')],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="LOG", help="The log to write: .npz, or .log.")],
+    people: Annotated[int | None, typer.Option(help="How many people. Default: as the world says.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of people, doors and noise.")] = 0,
+    duration: Annotated[float | None, typer.Option(help="Seconds. Default: as the world says.")] = None,
+    force: ForceFlag = False,
+    quiet: QuietFlag = False,
+    json: JsonFlag = False,
+) -> None:
+    """Simulate a robot in a world with doors and people; write its log and the truth."""
+    from tempog.simulation import load_world, simulate_site
+    from tempog.simulation.truth import truth_paths, write_truth
+
+    if output.suffix.lower() not in LOG_SUFFIXES:
+        raise ConfigError(f"{output} names no kind of log; wanted a name that ends in {', '.join(LOG_SUFFIXES)}")
+    for path in (output, *truth_paths(output)):
+        if path.is_dir():
+            raise ScanError(f"{path} is a directory; name a file")
+        if path.exists() and not force:
+            raise ScanError(f"{path} exists already; use --force to replace it, or choose another name")
+    if not output.absolute().parent.is_dir():
+        raise ScanError(f"{output.parent} is not a directory; make it first, or choose another place")
+    site = load_world(world)
+    with status(f"simulating {world}", wants_progress(quiet or json)):
+        simulation = simulate_site(site, duration, seed=seed, people=people)
+    if output.suffix.lower() == ".npz":
+        from tempog.scans.npz import write_npz
+
+        write_npz(output, simulation.scans)
+    else:
+        from tempog.scans.carmen import write_carmen
+
+        write_carmen(output, simulation.scans)
+    as_json, as_npz = write_truth(output, simulation)
+    n_people = simulation.people.shape[1]
+    if json:
+        print_json(
+            {
+                "log": str(output),
+                "truth": [str(as_json), str(as_npz)],
+                "world": world,
+                "seed": seed,
+                "n_scans": len(simulation.scans),
+                "n_people": n_people,
+                "n_things": len(site.things),
+                "duration_s": simulation.duration_s,
+            }
+        )
+    elif not quiet:
+        typer.echo(
+            f"{output}: {count_text(len(simulation.scans))} scans in {duration_text(simulation.duration_s)},"
+            f" {n_people} people, {len(site.things)} doors and boxes"
+        )
+        typer.echo(f"Truth: {as_json}, {as_npz}")

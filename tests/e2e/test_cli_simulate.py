@@ -1,0 +1,103 @@
+"""`tempog simulate` as a user calls it: logs that read back, the truth beside them, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from tempog.cli.app import run
+from tempog.errors import ScanError
+from tempog.scans.carmen import write_carmen
+from tempog.scans.open import open_scans
+from tempog.scans.scan import Scan
+from tempog.simulation import load_world, simulate_site
+from tempog.simulation.truth import truth_paths
+
+
+@pytest.fixture
+def tempog(monkeypatch, capsys):
+    def call(*words):
+        monkeypatch.setattr(sys, "argv", ["tempog", "simulate", *(str(word) for word in words)])
+        capsys.readouterr()
+        code = 0
+        try:
+            run()
+        except SystemExit as stop:
+            code = int(stop.code or 0)
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return call
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".log"])
+def test_a_written_log_reads_back_with_the_truth_beside_it(tempog, tmp_path, suffix):
+    log = tmp_path / f"drive{suffix}"
+    code, out, err = tempog("hallway", "-o", log, "--people", 5, "--seed", 3, "--duration", 90)
+    assert (code, err) == (0, "")
+    assert "900 scans in 1 min 30 s, 5 people, 8 doors" in out
+    simulation = simulate_site(load_world("hallway"), 90.0, seed=3, people=5)
+    read = open_scans(log)
+    assert len(read) == 900
+    for scan, made in zip(read, simulation.scans, strict=True):
+        np.testing.assert_allclose(scan.angles, made.angles, atol=1e-9)
+        np.testing.assert_allclose((scan.x, scan.y, scan.theta), (made.x, made.y, made.theta), atol=1e-6)
+        returns = np.isfinite(made.ranges)
+        np.testing.assert_allclose(scan.ranges[returns], made.ranges[returns], atol=1e-6)
+        assert (scan.ranges[~returns] >= scan.max_range).all()
+        assert abs(scan.stamp_ns - made.stamp_ns) <= 1000
+    as_json, as_npz = truth_paths(log)
+    truth = json.loads(as_json.read_text())
+    assert [thing["name"] for thing in truth["things"]] == [f"D{k}" for k in range(1, 9)]
+    states = [(state["from_s"], state["state"]) for state in truth["things"][0]["states"]]
+    assert states == simulation.states("D1")
+    with np.load(as_npz) as arrays:
+        for name in ("t", "poses", "hits", "hit_things", "places", "corners", "people"):
+            np.testing.assert_array_equal(arrays[name], getattr(simulation, name))
+
+
+def test_the_answer_as_json_is_one_object(tempog, tmp_path):
+    code, out, _ = tempog("hallway", "-o", tmp_path / "a.npz", "--duration", 1, "--json")
+    assert code == 0
+    assert json.loads(out)["n_scans"] == 10
+
+
+def test_what_is_there_is_replaced_only_by_force(tempog, tmp_path):
+    log = tmp_path / "a.npz"
+    truth_paths(log)[0].write_text("mine")
+    code, _, err = tempog("hallway", "-o", log, "--duration", 1)
+    assert code == 1
+    assert "a.npz.truth.json exists already; use --force" in err
+    assert not log.exists()
+    assert tempog("hallway", "-o", log, "--duration", 1, "--force")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        (["hallway", "-o", "{tmp}/a.txt"], 2, "names no kind of log"),
+        (["hallway", "-o", "{tmp}/none/a.npz"], 1, "is not a directory"),
+        (["hallway", "-o", "{tmp}/dir.npz"], 1, "is a directory"),
+        (["nowhere", "-o", "{tmp}/a.npz"], 1, "cannot read nowhere: No such file"),
+        (["hallway", "-o", "{tmp}/a.npz", "--people", "-1"], 1, "people.number = -1"),
+        (["hallway", "-o", "{tmp}/a.npz", "--duration", "0"], 1, "duration_s = 0.0"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_in_one_message(tempog, tmp_path, words, code, message):
+    (tmp_path / "dir.npz").mkdir()
+    seen, out, err = tempog(*(word.format(tmp=tmp_path) for word in words))
+    assert (seen, out) == (code, "")
+    assert message in err
+    assert "Traceback" not in err
+
+
+def test_beams_that_a_carmen_log_cannot_hold_are_refused(tmp_path):
+    uneven = Scan(1.0, (0, 0, 0), [0.0, 0.1, 0.3], [1.0, 1.0, 1.0], max_range=8.0)
+    for scans in ([], [uneven]):
+        with pytest.raises(ScanError, match=r"wanted at least one|evenly spaced"):
+            write_carmen(tmp_path / "a.log", scans)
+    with pytest.raises(ScanError, match="cannot write"):
+        write_carmen(tmp_path / "none" / "a.log", [Scan(1.0, (0, 0, 0), [0.0], [1.0], max_range=8.0)])

@@ -24,8 +24,8 @@ NEAR_GOAL = 10  # field units, two cells
 SMOOTH = 0.3  # share of the wanted direction in a person's new heading, per step
 SWAY_KEPT = 0.98  # of a change of direction, per step: half is left after 1.7 s
 N_SWEEP = 10  # places of a leaf on its way that must be clear before it starts
-FAR_SHARE = 0.1  # of the goals people choose; the others are the nearest of a few
-N_COMPARED = 6
+FAR_SHARE = 0.05  # of the goals people choose; the others are the nearest of a few
+N_COMPARED = 12
 STRAIGHT_RAD = 1e-9  # a robot that looks this close to its waypoint drives
 
 

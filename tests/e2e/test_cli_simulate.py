@@ -10,7 +10,7 @@ import pytest
 
 from tempog.cli.app import run
 from tempog.errors import ScanError
-from tempog.scans.carmen import write_carmen
+from tempog.scans.carmen_writer import write_carmen
 from tempog.scans.open import open_scans
 from tempog.scans.scan import Scan
 from tempog.simulation import load_world, simulate_site

@@ -53,7 +53,7 @@ def simulate(
 
         write_npz(output, simulation.scans)
     else:
-        from tempog.scans.carmen import write_carmen
+        from tempog.scans.carmen_writer import write_carmen
 
         write_carmen(output, simulation.scans)
     as_json, as_npz = write_truth(output, simulation)

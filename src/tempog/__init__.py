@@ -13,7 +13,8 @@ from tempog._version import __version__
 if TYPE_CHECKING:
     from tempog.analysis.configurations import Configuration, find_configurations
     from tempog.analysis.dynamics import map_dynamics
-    from tempog.analysis.high_dynamic import HighDynamic, high_dynamic
+    from tempog.analysis.find_objects import FoundObjects, find_objects
+    from tempog.analysis.high_dynamic import HighDynamic, high_dynamic, high_dynamics
     from tempog.analysis.objects import MovingObject, associate
     from tempog.analysis.occupancy import occupancy_grid
     from tempog.analysis.static import CellClass, static_map
@@ -41,7 +42,8 @@ if TYPE_CHECKING:
 _HOMES = {
     "tempog.analysis.configurations": ["Configuration", "find_configurations"],
     "tempog.analysis.dynamics": ["map_dynamics"],
-    "tempog.analysis.high_dynamic": ["HighDynamic", "high_dynamic"],
+    "tempog.analysis.find_objects": ["FoundObjects", "find_objects"],
+    "tempog.analysis.high_dynamic": ["HighDynamic", "high_dynamic", "high_dynamics"],
     "tempog.analysis.objects": ["MovingObject", "associate"],
     "tempog.analysis.occupancy": ["occupancy_grid"],
     "tempog.analysis.static": ["CellClass", "static_map"],
@@ -76,6 +78,7 @@ __all__ = [
     "Configuration",
     "EmptyWindowError",
     "ExtentError",
+    "FoundObjects",
     "GridConfig",
     "HighDynamic",
     "History",
@@ -98,7 +101,9 @@ __all__ = [
     "associate",
     "build_grid",
     "find_configurations",
+    "find_objects",
     "high_dynamic",
+    "high_dynamics",
     "map_dynamics",
     "occupancy_grid",
     "open_map",

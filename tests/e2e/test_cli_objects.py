@@ -54,7 +54,8 @@ def test_the_file_follows_the_schema(tempog, corridor_map: Path, tmp_path: Path,
     jsonschema.Draft202012Validator(SCHEMA).validate(document)
     assert document["static"]
     assert document["unassociated"] or document["objects"]
-    assert len(document["high_dynamic"]) == 1
+    assert len(document["high_dynamic"]) == (401 if "--from" in words else 1200)
+    assert any(measured["cells"] for measured in document["high_dynamic"])  # the person
     if words == GENEROUS:
         assert document["objects"]
     assert out.startswith(f"{len(document['objects'])} objects, {len(document['unassociated'])} configurations")

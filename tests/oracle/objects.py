@@ -7,6 +7,7 @@ periods end where the next begins or one look after the last. Times are integers
 from __future__ import annotations
 
 import itertools
+import math
 
 # Time series (Fig. 8).
 
@@ -55,6 +56,26 @@ def minkowski_distance(series1, series2, p, min_common):
     if common == 0 or common < min_common:
         return None
     return (total / common) ** (1 / p)
+
+
+def jaccard_distance(series1, series2, min_common):
+    """Of the commonly observed time in which one was occupied, the share in which the other was not."""
+    common = 0
+    either = 0
+    both = 0
+    for t0, t1 in stretches([series1, series2]):
+        value1 = value_during(series1, t0, t1)
+        value2 = value_during(series2, t0, t1)
+        if value1 is None or value2 is None:
+            continue
+        common = common + (t1 - t0)
+        if value1 > 0.5 or value2 > 0.5:
+            either = either + (t1 - t0)
+        if value1 > 0.5 and value2 > 0.5:
+            both = both + (t1 - t0)
+    if common == 0 or common < min_common or either == 0:
+        return None
+    return 1 - both / either
 
 
 # Step 1, Fig. 7.
@@ -153,13 +174,16 @@ def find_objects(patterns, max_states, none_share, both_share, min_common):
 # Fig. 11.
 
 
-def find_highly_dynamic(grid, static, patterns, now):
-    """Cells occupied at the measurement `now`, neither static nor part of a pattern."""
+def find_highly_dynamic(grid, static, patterns, now, near=0):
+    """Cells occupied at the measurement `now`, and more than `near` cells from static ones and patterns."""
     found = []
+    explained = list(static)
+    for cells, _periods in patterns:
+        explained = explained + list(cells)
     for cell in grid:
         for start, stop, value in grid[cell]:
-            if start <= now <= stop and value > 0.5 and cell not in static:
-                if not any(cell in cells for cells, _periods in patterns):
+            if start <= now <= stop and value > 0.5:
+                if not any(math.dist(cell, other) <= near for other in explained):
                     found.append(cell)
                 break
     return sorted(set(found))

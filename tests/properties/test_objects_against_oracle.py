@@ -15,10 +15,11 @@ from oracle import objects as oracle
 from oracle import paper
 from strategies import STREAM_START_NS, Stream
 from tempog.analysis.configurations import Configuration, Period, find_configurations
-from tempog.analysis.high_dynamic import high_dynamic
+from tempog.analysis.high_dynamic import high_dynamic, high_dynamics
 from tempog.analysis.objects import associate
 from tempog.analysis.series import Series, look_ns, neighbouring_pairs, series_distance, time_series
 from tempog.analysis.static import CellClass
+from tempog.sensing.tiles import NO_CELL
 
 QUICK = settings(max_examples=60, deadline=None, derandomize=True)
 NS = 1_000_000_000
@@ -86,6 +87,15 @@ def test_the_distance_of_two_series_is_that_of_the_oracle(first, second, p, min_
     assert math.isnan(got) or math.isclose(got, swapped, rel_tol=1e-12)
 
 
+@given(periods(), periods(), MIN_COMMON_S.map(lambda s: 10 * s))
+@QUICK
+def test_the_jaccard_distance_is_that_of_the_oracle(first, second, min_common_s):
+    first, second = ([(a, b, 0.75 if state else 0.25) for a, b, state in triples] for triples in (first, second))
+    wanted = oracle.jaccard_distance(first, second, min_common_s)
+    got = series_distance(as_series(first), as_series(second), distance="jaccard", min_common_s=min_common_s)
+    assert math.isnan(got) if wanted is None else math.isclose(got, wanted, rel_tol=1e-9, abs_tol=1e-12)
+
+
 @given(st.sets(st.tuples(st.integers(-4, 4), st.integers(-4, 4))), st.sampled_from([4, 8]))
 @QUICK
 def test_pairs_of_neighbours_are_all_and_each_once(cells, neighbourhood):
@@ -134,12 +144,20 @@ def test_configurations_and_high_dynamic_cells_are_those_of_the_oracle(
     states = [[[a, b, state == "occupied"] for a, b, state in c.periods] for c in got]
     assert states == [series for _, series in wanted]
     if len(set(stream.stamps_ns)) == len(stream.stamps_ns):  # else stamps do not tell scans apart
+        near = data.draw(st.integers(0, 2))
+        explained = {"walls": walls, "configurations": got, "near_m": near * 0.05}
         now = data.draw(st.sampled_from(inside))
-        moving = high_dynamic(history, moment(now), walls=walls, configurations=got)
+        moving = high_dynamic(history, moment(now), **explained)
         assert moving.stamp_ns == now
+        known_static = {cell for cell in static if history.tiles.cell_number(*cell) != NO_CELL}
         assert [tuple(cell) for cell in moving.cells.tolist()] == oracle.find_highly_dynamic(
-            grid, static, wanted, now
+            grid, known_static, wanted, now, near
         )
+        every = high_dynamics(history, **explained)
+        assert [one.stamp_ns for one in every] == inside
+        at_now = next(one for one in every if one.stamp_ns == now)
+        np.testing.assert_array_equal(at_now.cells, moving.cells)
+        np.testing.assert_array_equal(at_now.points_map, moving.points_map)
 
 
 @given(leaf_streams())

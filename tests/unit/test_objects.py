@@ -9,9 +9,11 @@ from fed_grid import grid_of
 from strategies import STREAM_START_NS, Stream
 from tempog import build_grid
 from tempog.analysis.configurations import find_configurations
+from tempog.analysis.find_objects import find_objects
 from tempog.analysis.high_dynamic import high_dynamic
 from tempog.analysis.objects import associate
 from tempog.analysis.static import CellClass, static_map
+from tempog.config import ObjectsConfig
 from tempog.errors import ConfigError, TimeError
 from tempog.simulation import corridor, simulate
 
@@ -170,7 +172,13 @@ def test_high_dynamic_cells_are_neither_wall_nor_configuration() -> None:
 
 def test_settings_that_cannot_work_are_refused() -> None:
     grid = grid_of(told(door("closed", "open")))
-    for settings in ({"threshold": 0}, {"min_common_s": -1}, {"neighbourhood": 6}, {"seen_share": 2}):
+    for settings in (
+        {"threshold": 0},
+        {"min_common_s": -1},
+        {"neighbourhood": 6},
+        {"seen_share": 2},
+        {"smallest_m": -1},
+    ):
         with pytest.raises(ConfigError, match=next(iter(settings))):
             find_configurations(grid, **settings)
     with pytest.raises(ConfigError, match="extent"):
@@ -178,6 +186,42 @@ def test_settings_that_cannot_work_are_refused() -> None:
     for settings in ({"max_states": 1}, {"within_m": 0}, {"none_share": 2}, {"both_share": -1}):
         with pytest.raises(ConfigError, match=next(iter(settings))):
             associate([], **settings)
+
+
+def test_places_smaller_than_asked_are_dropped() -> None:
+    grid = grid_of(told(door("closed", "open", "closed")))
+    reach_m = float(np.hypot(3, 1)) * 0.05  # of three cells in a row, corner to corner
+    assert places(find_configurations(grid, smallest_m=reach_m - 1e-6)) == [CLOSED, OPEN]
+    assert find_configurations(grid, smallest_m=reach_m + 1e-6) == []
+
+
+def test_with_all_cells_the_floor_is_one_configuration() -> None:
+    grid = grid_of(told(door("closed", "open", "closed")))
+    assert FLOOR in places(find_configurations(grid, candidates="all"))
+    assert FLOOR not in places(find_configurations(grid))
+
+
+def test_somebody_beside_the_door_is_on_the_move_unless_near_is_asked_for() -> None:
+    timeline = door("closed", "open", "closed")
+    for seconds, said in timeline[:-1]:
+        assert seconds == 10.0
+        said["free"].append((5, 4))
+    timeline[-1][1]["occupied"].append((5, 4))  # two cells beyond the open leaf, for the last ten seconds
+    grid = grid_of(told(timeline))
+    found = find_objects(grid)
+    assert places(found.configurations) == [CLOSED, OPEN]
+    assert found.high_dynamic().cells.tolist() == [[5, 4]]
+    assert [len(one.cells) for one in found.high_dynamics(every_s=5.0)] == [0, 0, 0, 0, 1, 1]
+    further = find_objects(grid, settings=ObjectsConfig(near_m=0.1))
+    assert further.high_dynamic().cells.tolist() == []
+
+
+def test_the_tuned_method_is_the_same_with_other_settings() -> None:
+    found = find_objects(grid_of(told(door("closed", "open", "closed"))), "paper-tuned", ObjectsConfig())
+    assert (len(found.objects), found.unassociated) == (1, ())
+    assert found.document()["method"] == "paper-tuned"
+    with pytest.raises(ConfigError, match="paper, paper-tuned"):
+        find_objects(found.history, "magic")
 
 
 @pytest.fixture(scope="module")

@@ -18,13 +18,9 @@ from tempog.analysis.series import (
 )
 from tempog.analysis.series_kernels import connect
 from tempog.analysis.static import CellClass, static_map
-from tempog.config import ObjectsConfig
+from tempog.config import Candidates, ObjectsConfig
 from tempog.errors import ConfigError
 from tempog.grid.history import OCCUPIED_ABOVE, History
-
-# A configuration's state counts only while this share of its cells was seen; else the cells at the hinge, which
-# the open and the closed leaf share, would tell the state of the whole leaf (measured in a prototype).
-SEEN_SHARE = 0.3
 
 PlaceState = Literal["occupied", "free"]
 
@@ -72,8 +68,10 @@ def find_configurations(
     distance: Distance = "manhattan",
     threshold: float = ObjectsConfig.distance_below,
     min_common_s: float = ObjectsConfig.min_common_s,
-    neighbourhood: int = 8,
-    seen_share: float = SEEN_SHARE,
+    neighbourhood: int = ObjectsConfig.neighbourhood,
+    seen_share: float = ObjectsConfig.seen_share,
+    smallest_m: float = ObjectsConfig.smallest_m,
+    candidates: Candidates = ObjectsConfig.candidates,
 ) -> list[Configuration]:
     """Groups of neighbouring cells whose time series are close (Fig. 7), as the paper does it.
 
@@ -87,10 +85,8 @@ def find_configurations(
         See `tempog.analysis.series.series_distances`.
     threshold : float
         Neighbours whose distance is below it belong together.
-    neighbourhood : 4 or 8
-        Which cells around a cell are its neighbours.
-    seen_share : float, 0..1
-        Share of a configuration's cells that must be seen for its state to count.
+    neighbourhood, seen_share, smallest_m, candidates
+        See `tempog.config.ObjectsConfig`.
 
     Raises
     ------
@@ -99,17 +95,16 @@ def find_configurations(
 
     Notes
     -----
-    Only cells that were occupied at some time and are not static take part: the figure takes all, but then all
-    floor is one configuration. A cell without a neighbour like it belongs to none. Like the figure, this joins
-    what a chain of similar neighbours joins.
+    A cell without a neighbour like it belongs to none. Like the figure, this joins what a chain of similar
+    neighbours joins.
     """
     if not threshold > 0:
         raise ConfigError(f"threshold = {threshold!r} cannot work; wanted a distance above 0")
-    if not 0 <= seen_share <= 1:
-        raise ConfigError(f"seen_share = {seen_share!r} cannot work; wanted a share from 0 to 1")
+    ObjectsConfig(neighbourhood=neighbourhood, seen_share=seen_share, smallest_m=smallest_m, candidates=candidates)
     if walls is None:
         walls = static_map(history, weight="interval")
-    cells = np.flatnonzero(ever_occupied(history) & ~static_cells(history, walls)).astype(np.int32)
+    observed = ever_occupied(history, above=OCCUPIED_ABOVE if candidates == "occupied" else 0.0)
+    cells = np.flatnonzero(observed & ~static_cells(history, walls)).astype(np.int32)
     rows, cols = history.tiles.rows_cols(cells)
     order = np.lexsort((cols, rows))
     cells, rows, cols = cells[order], rows[order], cols[order]
@@ -125,12 +120,13 @@ def find_configurations(
     group = number[group]
     periods = combined_periods(series, group, sizes[sizes > 1], seen_share)
     members = np.split(np.argsort(group, kind="stable"), np.cumsum([np.count_nonzero(group < 0), *sizes[sizes > 1]]))
-    found = []
+    found: list[Configuration] = []
     for k, where in enumerate(members[1:-1]):
         places = np.stack([rows[where], cols[where]], axis=-1)
-        found.append(
-            Configuration(k + 1, places, history.tiles.spec.centres(rows[where], cols[where]), tuple(periods[k]))
-        )
+        reach_m = np.hypot(*(np.ptp(places, axis=0) + 1)) * history.tiles.spec.resolution_m
+        if reach_m >= smallest_m:
+            points = history.tiles.spec.centres(rows[where], cols[where])
+            found.append(Configuration(len(found) + 1, places, points, tuple(periods[k])))
     return found
 
 
@@ -146,7 +142,7 @@ def static_cells(history: History, walls: NDArray[np.int8]) -> NDArray[np.bool_]
 
 
 def combined_periods(
-    series: SeriesSet, group: NDArray[np.int64], sizes: NDArray[np.int64], seen_share: float = SEEN_SHARE
+    series: SeriesSet, group: NDArray[np.int64], sizes: NDArray[np.int64], seen_share: float
 ) -> list[list[Period]]:
     """What most of each group's seen cells said, while `seen_share` of its cells were seen.
 

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tempog.analysis.kernels import add_deviations, add_sums
+from tempog.config import Measure, Weight
 from tempog.errors import ConfigError
 from tempog.grid.history import History
 from tempog.times import NS_PER_S
-
-Measure = Literal["mad", "std"]
-Weight = Literal["duration", "interval"]
 
 FALLBACK_LOOK_S = 1.0  # s; what a single look counts for in a history of one scan, which has no scan period
 

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from tempog.analysis.configurations import Configuration, static_cells
 from tempog.analysis.static import static_map
-from tempog.errors import TimeError
+from tempog.errors import ConfigError, TimeError
 from tempog.grid.history import OCCUPIED_ABOVE, History
 from tempog.sensing.tiles import NO_CELL
-from tempog.times import Moment
+from tempog.times import NS_PER_S, Moment
 
 
 class HighDynamic(NamedTuple):
@@ -40,6 +40,7 @@ def high_dynamic(
     *,
     walls: NDArray[np.int8] | None = None,
     configurations: Sequence[Configuration] = (),
+    near_m: float = 0.0,
 ) -> HighDynamic:
     """Occupied cells of one measurement that are neither static nor part of a configuration (Fig. 11).
 
@@ -52,13 +53,15 @@ def high_dynamic(
     walls : (n_rows, n_cols) int8, optional
         A `static_map` of `history`. Default: Fig. 6 to the letter, each interval counted once.
     configurations : sequence of Configuration
+    near_m : float, metres
+        Cells whose centres are this close to a static cell's or a configuration's are left out, too.
 
     Raises
     ------
     TimeError
         No measurement at or before `at` in the period.
     ConfigError
-        `walls` of another extent, or `at` is no moment.
+        `walls` of another extent, `at` is no moment, or `near_m` is negative.
 
     Notes
     -----
@@ -76,17 +79,94 @@ def high_dynamic(
                 f"no measurement at or before {history.format_moment(stamp_ns)}: the first is at {first};"
                 " choose a later moment"
             )
+    return _at_scans(history, np.array([scan]), walls, configurations, near_m)[0]
+
+
+def high_dynamics(
+    history: History,
+    every_s: float = 0.0,
+    *,
+    walls: NDArray[np.int8] | None = None,
+    configurations: Sequence[Configuration] = (),
+    near_m: float = 0.0,
+) -> list[HighDynamic]:
+    """Fig. 11 for the measurements of a whole period, in one go.
+
+    Parameters
+    ----------
+    history : History
+        A grid, a saved map, or a window of either.
+    every_s : float, seconds
+        Least time from one chosen measurement to the next; 0 for all of them.
+    walls, configurations, near_m
+        As in `high_dynamic`.
+    """
+    history.require_scans()
+    if not 0 <= every_s < np.inf:
+        raise ConfigError(f"every_s = {every_s!r} cannot work; wanted seconds, 0 or more")
+    scans = np.arange(history.first_scan, history.last_scan + 1)
+    if every_s > 0:
+        elapsed_s = (history.stamps_ns[scans] - history.stamps_ns[scans[0]]) / NS_PER_S
+        # Half a millisecond: stamps of a steady clock are off by rounding.
+        slots = np.floor((elapsed_s + 5e-4) / every_s).astype(np.int64)
+        scans = scans[np.unique(slots, return_index=True)[1]]
+    return _at_scans(history, scans, walls, configurations, near_m)
+
+
+def _at_scans(
+    history: History,
+    scans: NDArray[np.int64],
+    walls: NDArray[np.int8] | None,
+    configurations: Sequence[Configuration],
+    near_m: float,
+) -> list[HighDynamic]:
+    """Fig. 11 at chosen scans, given by their numbers in rising order."""
+    if not 0 <= near_m < np.inf:
+        raise ConfigError(f"near_m = {near_m!r} cannot work; wanted metres, 0 or more")
     if walls is None:
         walls = static_map(history, weight="interval")
-    moving = np.zeros(history.tiles.n_cells, dtype=np.bool_)
-    for runs in history.runs():
-        hit = (runs.value > OCCUPIED_ABOVE) & (runs.first <= scan) & (runs.last >= scan)
-        moving[np.repeat(runs.cells, np.diff(runs.offsets))[hit]] = True
-    moving &= ~static_cells(history, walls)
+    explained = static_cells(history, walls)
     for configuration in configurations:
         numbers = [history.tiles.cell_number(row, col) for row, col in configuration.cells.tolist()]
-        moving[[number for number in numbers if number != NO_CELL]] = False
-    rows, cols = history.tiles.rows_cols(np.flatnonzero(moving).astype(np.int32))
-    order = np.lexsort((cols, rows))
-    rows, cols = rows[order], cols[order]
-    return HighDynamic(int(stamps[scan]), np.stack([rows, cols], axis=-1), history.tiles.spec.centres(rows, cols))
+        explained[[number for number in numbers if number != NO_CELL]] = True
+    if near_m > 0:
+        explained = _widened(history, explained, near_m)
+    at, moving = [np.empty(0, np.int64)], [np.empty(0, np.int32)]
+    for runs in history.runs():
+        cells = np.repeat(runs.cells, np.diff(runs.offsets))
+        kept = (runs.value > OCCUPIED_ABOVE) & ~explained[cells]
+        begin = np.searchsorted(scans, runs.first[kept], side="left")
+        end = np.searchsorted(scans, runs.last[kept], side="right")
+        lasted = end - begin  # in chosen scans
+        before = np.cumsum(lasted) - lasted
+        moving.append(np.repeat(cells[kept], lasted))
+        at.append(np.arange(int(lasted.sum())) - np.repeat(before - begin, lasted))
+    where = np.concatenate(at)
+    rows, cols = history.tiles.rows_cols(np.concatenate(moving))
+    order = np.lexsort((cols, rows, where))
+    where, places = where[order], np.stack([rows, cols], axis=-1)[order]
+    bounds = np.searchsorted(where, np.arange(len(scans) + 1))
+    points = history.tiles.spec.centres(places[:, 0], places[:, 1])
+    return [
+        HighDynamic(
+            int(history.stamps_ns[scan]), places[bounds[k] : bounds[k + 1]], points[bounds[k] : bounds[k + 1]]
+        )
+        for k, scan in enumerate(scans.tolist())
+    ]
+
+
+def _widened(history: History, marked: NDArray[np.bool_], reach_m: float) -> NDArray[np.bool_]:
+    """Per cell number: whether the centre of a marked cell is within `reach_m`."""
+    dense = history.tiles.to_dense(marked, False)
+    wide = dense.copy()
+    reach = int(reach_m / history.tiles.spec.resolution_m + 1e-9)
+    for up in range(-reach, reach + 1):
+        across = int(np.sqrt(reach**2 - up**2) + 1e-9)
+        for right in range(-across, across + 1):
+            into, of = (
+                (slice(max(up * sign, 0), dense.shape[0] + min(up * sign, 0)),
+                 slice(max(right * sign, 0), dense.shape[1] + min(right * sign, 0)))
+                for sign in (1, -1)
+            )  # fmt: skip
+            wide[into] |= dense[of]
+    return np.asarray(history.tiles.from_dense(wide))

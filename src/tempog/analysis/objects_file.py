@@ -2,46 +2,44 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tempog.analysis.configurations import Configuration, static_cells
+from tempog.analysis.configurations import Configuration
 from tempog.analysis.high_dynamic import HighDynamic
 from tempog.analysis.objects import MovingObject
-from tempog.config import ObjectsConfig
-from tempog.grid.history import History
 from tempog.times import NS_PER_S
 
 OBJECTS_VERSION = 1
 
 
 def objects_document(
-    history: History,
-    walls: NDArray[np.int8],
-    configurations: Sequence[Configuration],
+    *,
+    method: str,
+    settings: Mapping[str, Any],
+    resolution_m: float,
+    start_ns: int,
+    stop_ns: int,
+    static_points_map: NDArray[np.float64],
     objects: Sequence[MovingObject],
+    unassociated: Sequence[Configuration],
     high_dynamic: Sequence[HighDynamic],
-    settings: ObjectsConfig,
 ) -> dict[str, Any]:
-    """What the paper's method found, ready for `json.dumps`."""
-    associated = {place.id for one in objects for place in one.configurations}
-    rows, cols = history.tiles.rows_cols(np.flatnonzero(static_cells(history, walls)).astype(np.int32))
-    stamps = history.stamps_ns
+    """What a method found from `start_ns` to `stop_ns`, ready for `json.dumps`."""
     return {
         "format": "tempog-objects",
         "version": OBJECTS_VERSION,
-        "method": "paper",
-        "settings": dataclasses.asdict(settings),
-        "resolution_m": history.tiles.spec.resolution_m,
-        "start_s": int(stamps[history.first_scan]) / NS_PER_S,
-        "stop_s": int(stamps[history.last_scan]) / NS_PER_S,
-        "static": _points(history.tiles.spec.centres(rows, cols)),
+        "method": method,
+        "settings": dict(settings),
+        "resolution_m": resolution_m,
+        "start_s": start_ns / NS_PER_S,
+        "stop_s": stop_ns / NS_PER_S,
+        "static": _points(static_points_map),
         "objects": [_object(one) for one in objects],
-        "unassociated": [_configuration(place) for place in configurations if place.id not in associated],
+        "unassociated": [_configuration(place) for place in unassociated],
         "high_dynamic": [
             {"t": measured.stamp_ns / NS_PER_S, "cells": _points(measured.points_map)} for measured in high_dynamic
         ],

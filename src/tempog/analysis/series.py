@@ -26,7 +26,7 @@ class Series(NamedTuple):
     value: NDArray[np.float32]
 
 
-Distance = Literal["manhattan"] | float | Callable[[Series, Series], float]
+Distance = Literal["manhattan", "jaccard"] | float | Callable[[Series, Series], float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,11 +100,11 @@ def look_ns(history: History) -> int:
     return round((period_s if period_s > 0 else FALLBACK_LOOK_S) * NS_PER_S)
 
 
-def ever_occupied(history: History) -> NDArray[np.bool_]:
-    """Per cell number, whether the cell was occupied at some time of the period."""
+def ever_occupied(history: History, above: float = OCCUPIED_ABOVE) -> NDArray[np.bool_]:
+    """Per cell number, whether the cell's P(occupied) was above `above` at some time of the period."""
     found = np.zeros(history.tiles.n_cells, dtype=np.bool_)
     for runs in history.runs():
-        hit = (runs.value > OCCUPIED_ABOVE) & (runs.first <= history.last_scan) & (runs.last >= history.first_scan)
+        hit = (runs.value > above) & (runs.first <= history.last_scan) & (runs.last >= history.first_scan)
         found[np.repeat(runs.cells, np.diff(runs.offsets))[hit]] = True
     return found
 
@@ -124,7 +124,7 @@ def series_distances(
     series : SeriesSet
     left, right : (n_pairs,) int64
         Which of `series` make a pair.
-    distance : "manhattan", a number, or a callable
+    distance : "manhattan", "jaccard", a number, or a callable
         ``"manhattan"`` is 1; a number is the p of the Minkowski distance, above 0; a callable is given two
         `Series` and returns the distance, NaN if unknown.
     min_common_s : float, seconds
@@ -134,7 +134,7 @@ def series_distances(
     -------
     (n_pairs,) float64
         Of Minkowski: ``(integral of |difference|**p dt / common time) ** (1 / p)``, in units of P(occupied).
-        NaN where unknown.
+        Of Jaccard: ``1 - time both were occupied / time either was``. NaN where unknown.
 
     Raises
     ------
@@ -149,18 +149,26 @@ def series_distances(
     if not 0 <= min_common_s < math.inf:
         raise ConfigError(f"min_common_s = {min_common_s!r} cannot work; wanted seconds, 0 or more")
     p = 1.0
-    if distance != "manhattan" and not callable(distance):
+    if distance not in ("manhattan", "jaccard") and not callable(distance):
         if isinstance(distance, str) or not 0 < distance < math.inf:
-            raise ConfigError(f"distance = {distance!r} cannot work; wanted 'manhattan', a p above 0, or a callable")
+            raise ConfigError(
+                f"distance = {distance!r} cannot work; wanted 'manhattan', 'jaccard', a p above 0, or a callable"
+            )
         p = float(distance)
-    integral, common_ns = np.empty(len(left)), np.empty(len(left), dtype=np.int64)
+    value = (series.value > OCCUPIED_ABOVE).astype(np.float32) if distance == "jaccard" else series.value
+    integral = np.empty(len(left))
+    common_ns, either_ns = np.empty((2, len(left)), dtype=np.int64)
     pairs = (np.asarray(left, dtype=np.int64), np.asarray(right, dtype=np.int64))
-    pair_distances(series.offsets, series.start_ns, series.stop_ns, series.value, *pairs, p, integral, common_ns)
+    periods = (series.offsets, series.start_ns, series.stop_ns, value)
+    pair_distances(*periods, *pairs, p, OCCUPIED_ABOVE, integral, common_ns, either_ns)
     known = (common_ns > 0) & (common_ns >= min_common_s * NS_PER_S)
     distances = np.full(len(left), math.nan)
     if callable(distance):
         for k in np.flatnonzero(known):
             distances[k] = distance(series[int(left[k])], series[int(right[k])])
+    elif distance == "jaccard":
+        known &= either_ns > 0
+        distances[known] = integral[known] / (either_ns[known] / NS_PER_S)
     else:
         distances[known] = (integral[known] / (common_ns[known] / NS_PER_S)) ** (1 / p)
     return distances

@@ -17,23 +17,29 @@ def pair_distances(
     left: NDArray[np.int64],
     right: NDArray[np.int64],
     p: float,
+    occupied_above: float,
     integral: NDArray[np.float64],
     common_ns: NDArray[np.int64],
+    either_ns: NDArray[np.int64],
 ) -> None:
     """For each pair of series: the integral of |difference|**p over the time both were seen, and that time.
 
     left, right (n_pairs,) which series; intervals of series i are at ``offsets[i]:offsets[i + 1]``
-    integral, common_ns (n_pairs,) seconds and nanoseconds   [written]
+    integral (n_pairs,) seconds   [written]
+    common_ns, either_ns (n_pairs,) time both were seen; that of it in which either was occupied   [written]
     """
     for k in range(left.shape[0]):
         a, a_end = offsets[left[k]], offsets[left[k] + 1]
         b, b_end = offsets[right[k]], offsets[right[k] + 1]
         total = 0.0
         common = 0
+        either = 0
         while a < a_end and b < b_end:
             lasted = min(stop_ns[a], stop_ns[b]) - max(start_ns[a], start_ns[b])
             if lasted > 0:
                 common += lasted
+                if max(value[a], value[b]) > occupied_above:
+                    either += lasted
                 total += abs(np.float64(value[a]) - np.float64(value[b])) ** p * (lasted * 1e-9)
             if stop_ns[a] <= stop_ns[b]:
                 a += 1
@@ -41,6 +47,7 @@ def pair_distances(
                 b += 1
         integral[k] = total
         common_ns[k] = common
+        either_ns[k] = either
 
 
 @kernel

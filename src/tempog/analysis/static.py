@@ -7,7 +7,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from tempog.analysis.dynamics import Measure, Weight, cell_moments
+from tempog.analysis.dynamics import cell_moments
+from tempog.config import Measure, Weight
 from tempog.errors import ConfigError
 from tempog.grid.history import History
 

@@ -1,0 +1,152 @@
+"""The whole of section IV on one screen: walls, places, objects, what is on the move."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tempog.analysis.configurations import Configuration, find_configurations, static_cells
+from tempog.analysis.high_dynamic import HighDynamic, high_dynamic, high_dynamics
+from tempog.analysis.objects import MovingObject, associate
+from tempog.analysis.objects_file import objects_document
+from tempog.analysis.static import static_map
+from tempog.config import METHODS, Method, ObjectsConfig
+from tempog.errors import ConfigError
+from tempog.grid.history import History
+from tempog.times import Moment
+
+
+@dataclass(frozen=True, eq=False)
+class FoundObjects:
+    """What a method found in a history.
+
+    Attributes
+    ----------
+    history : History
+        The one it was found in; a window if a window was asked.
+    method : str
+    settings : ObjectsConfig
+    walls : (n_rows, n_cols) int8, values of `CellClass`
+        The static map that was used, over `history.extent`.
+    configurations : tuple of Configuration
+        All places, whether part of an object or not.
+    objects : tuple of MovingObject
+    """
+
+    history: History
+    method: Method
+    settings: ObjectsConfig
+    walls: NDArray[np.int8]
+    configurations: tuple[Configuration, ...]
+    objects: tuple[MovingObject, ...]
+
+    @property
+    def unassociated(self) -> tuple[Configuration, ...]:
+        """Configurations that are part of no object."""
+        associated = {place.id for one in self.objects for place in one.configurations}
+        return tuple(place for place in self.configurations if place.id not in associated)
+
+    @property
+    def static_points_map(self) -> NDArray[np.float64]:
+        """Centres of the static cells, (n, 2) metres."""
+        tiles = self.history.tiles
+        numbers = np.flatnonzero(static_cells(self.history, self.walls)).astype(np.int32)
+        return tiles.spec.centres(*tiles.rows_cols(numbers))
+
+    def high_dynamic(self, at: Moment | None = None) -> HighDynamic:
+        """What was on the move at one measurement (Fig. 11); default: the last. See `high_dynamic`."""
+        return high_dynamic(self.history, at, **self._explained)
+
+    def high_dynamics(self, every_s: float = 0.0) -> list[HighDynamic]:
+        """What was on the move at each measurement, or at one every so many seconds. See `high_dynamics`."""
+        return high_dynamics(self.history, every_s, **self._explained)
+
+    @property
+    def _explained(self) -> dict[str, Any]:
+        return {"walls": self.walls, "configurations": self.configurations, "near_m": self.settings.near_m}
+
+    def document(self, moving: Sequence[HighDynamic] = ()) -> dict[str, Any]:
+        """All of it as the schema ``tempog/schemas/objects-1.json`` has it, ready for `json.dumps`.
+
+        Parameters
+        ----------
+        moving : sequence of HighDynamic
+            For the part "high_dynamic": the answer of `high_dynamics`, for example.
+        """
+        stamps, period = self.history.stamps_ns, (self.history.first_scan, self.history.last_scan)
+        return objects_document(
+            method=self.method,
+            settings=dataclasses.asdict(self.settings),
+            resolution_m=self.history.tiles.spec.resolution_m,
+            start_ns=int(stamps[period[0]]),
+            stop_ns=int(stamps[period[1]]),
+            static_points_map=self.static_points_map,
+            objects=self.objects,
+            unassociated=self.unassociated,
+            high_dynamic=moving,
+        )
+
+
+def find_objects(history: History, method: Method = "paper", settings: ObjectsConfig | None = None) -> FoundObjects:
+    """Walls, places that things come to stand in, and which of them are places of one object.
+
+    Parameters
+    ----------
+    history : History
+        A grid, a saved map, or a window of either: then only that period counts (section IV.D).
+    method : "paper" or "paper-tuned"
+        ``paper``: Fig. 6, 7 and 10 to the letter. ``paper-tuned``: the same algorithms with the settings that
+        served them best, see `tempog.config.METHODS`.
+    settings : ObjectsConfig, optional
+        Default: those of the method.
+
+    Returns
+    -------
+    FoundObjects
+
+    Raises
+    ------
+    ConfigError
+        An unknown method.
+    ScanError
+        An empty history.
+
+    Examples
+    --------
+    >>> from tempog import build_grid
+    >>> from tempog.simulation import corridor, simulate
+    >>> grid = build_grid(simulate(corridor(), duration_s=60.0).scans)
+    >>> found = find_objects(grid, "paper-tuned")
+    >>> len(found.static_points_map) > 100, len(found.high_dynamics(every_s=1.0))
+    (True, 60)
+    """
+    if method not in METHODS:
+        raise ConfigError(f"method = {method!r} is unknown; wanted one of {', '.join(METHODS)}")
+    history.require_scans()
+    settings = settings or METHODS[method]
+    walls = static_map(history, measure=settings.static_measure, weight=settings.static_weight)  # Fig. 6
+    configurations = find_configurations(  # Fig. 7
+        history,
+        walls,
+        distance="jaccard" if settings.distance == "jaccard" else settings.distance_p,
+        threshold=settings.distance_below,
+        min_common_s=settings.min_common_s,
+        neighbourhood=settings.neighbourhood,
+        seen_share=settings.seen_share,
+        smallest_m=settings.smallest_m,
+        candidates=settings.candidates,
+    )
+    objects = associate(  # Fig. 9, 10
+        configurations,
+        max_states=settings.max_states,
+        within_m=settings.within_m,
+        none_share=settings.none_share,
+        both_share=settings.both_share,
+        min_common_s=settings.min_common_s,
+    )
+    return FoundObjects(history, method, settings, walls, tuple(configurations), tuple(objects))

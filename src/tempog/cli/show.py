@@ -10,6 +10,7 @@ import typer
 
 from tempog.cli._output import ForceFlag, check_new_picture, save_figure
 from tempog.cli.info import MapArgument
+from tempog.cli.objects import MethodOption
 from tempog.errors import ConfigError, TimeError
 from tempog.times import NS_PER_S
 from tempog.views.layers import MOMENT_LAYERS, Layer
@@ -32,6 +33,7 @@ def show(
     hold: Annotated[
         float, typer.Option(help="Seconds that a cell keeps its last known state (occupancy, age).")
     ] = math.inf,
+    method: MethodOption = "paper",
     force: ForceFlag = False,
 ) -> None:
     """Draw one layer of a map."""
@@ -48,7 +50,7 @@ def show(
         _require_covered(history, at)
     if start is not None or stop is not None:
         history = history.window(start, stop)
-    figure = draw_layer(history, layer, at=at, hold=hold, title=map_path.stem)
+    figure = draw_layer(history, layer, at=at, hold=hold, method=method, title=map_path.stem)
     save_figure(figure, output)
     typer.echo(f"{output}: {layer} of {map_path}")
 

@@ -4,5 +4,5 @@ from __future__ import annotations
 
 from typing import Literal
 
-Layer = Literal["occupancy", "static", "dynamics", "classic", "age"]
+Layer = Literal["occupancy", "static", "dynamics", "classic", "age", "objects"]
 MOMENT_LAYERS = ("occupancy", "age")  # layers of one moment; the others are of a period

@@ -1,0 +1,97 @@
+"""What all pictures share: colours, a canvas that fits the map, a frame around what was seen, a scale bar."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from tempog.sensing.grid_spec import Extent
+
+Colour = tuple[float, float, float]
+Rgb = NDArray[np.float32]
+
+BLACK, WHITE, GREY, ORANGE = (0.07, 0.07, 0.09), (1.0, 1.0, 1.0), (0.74, 0.75, 0.77), (0.95, 0.55, 0.1)
+UNEXPLORED = (GREY, "unexplored")
+MARGIN_SHARE = 0.02  # of the longer side, unexplored space left around what was seen
+PIXELS_PER_CELL = 3
+LONGEST_SIDE_PX = (900, 3600)  # a small map is still readable, a large one still a picture
+LONGEST_SIDE_INCHES = 9.0  # text keeps its size relative to the picture, whatever the resolution
+
+
+def as_rgb(colour: Colour) -> Rgb:
+    return np.array(colour, dtype=np.float32)
+
+
+def cropped(rgb: Rgb, extent: Extent) -> tuple[Rgb, Extent]:
+    """The part of a picture that holds something, in a grey margin, and where that part lies."""
+    seen = np.any(rgb != as_rgb(GREY), axis=-1)
+    if not seen.any():
+        seen = np.ones_like(seen)
+    rows, cols = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
+    part = rgb[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
+    margin = math.ceil(MARGIN_SHARE * max(part.shape)) + 1
+    framed = np.empty((part.shape[0] + 2 * margin, part.shape[1] + 2 * margin, 3), dtype=np.float32)
+    framed[:] = GREY
+    framed[margin:-margin, margin:-margin] = part
+    row0, col0 = extent.row0 + int(rows[0]) - margin, extent.col0 + int(cols[0]) - margin
+    return framed, Extent(row0, col0, framed.shape[0], framed.shape[1], extent.resolution_m)
+
+
+def canvas(n_rows: int, n_cols: int, has_bar: bool) -> tuple[Figure, Axes]:
+    """A figure whose axes fit the picture, with room for labels."""
+    longest_px = min(max(max(n_rows, n_cols) * PIXELS_PER_CELL, LONGEST_SIDE_PX[0]), LONGEST_SIDE_PX[1])
+    inches_per_cell = LONGEST_SIDE_INCHES / max(n_rows, n_cols)
+    size = (max(n_cols * inches_per_cell, 4.5) + 0.8 + 0.9 * has_bar, max(n_rows * inches_per_cell, 1.5) + 1.2)
+    figure = Figure(figsize=size, dpi=longest_px / LONGEST_SIDE_INCHES, layout="constrained")
+    return figure, figure.add_subplot()
+
+
+def add_scale_bar(axes: Axes, rgb: Rgb, extent: Extent) -> None:
+    """A bar of a round length, in the corner that hides least of the map."""
+    x_min, x_max, y_min, y_max = extent.bounds
+    width, height = x_max - x_min, y_max - y_min
+    wanted = width / 6
+    decade = 10 ** math.floor(math.log10(wanted))
+    length = max(step * decade for step in (1, 2, 5) if step * decade <= wanted)
+    seen = np.any(rgb != as_rgb(GREY), axis=-1)
+    n_rows, n_cols = max(extent.n_rows // 8, 1), max(round(1.2 * length / extent.resolution_m), 1)
+    corners = {
+        (0.015, 0.03): seen[:n_rows, :n_cols],
+        (0.985 - length / width, 0.03): seen[:n_rows, -n_cols:],
+        (0.015, 0.9): seen[-n_rows:, :n_cols],
+        (0.985 - length / width, 0.9): seen[-n_rows:, -n_cols:],
+    }
+    across, up = min(corners, key=lambda corner: float(corners[corner].mean()))
+    x, y = x_min + across * width, y_min + up * height
+    axes.plot([x, x + length], [y, y], color="black", linewidth=3, solid_capstyle="butt")
+    axes.annotate(
+        f"{length:g} m",
+        (x + length / 2, y),
+        xytext=(0, 4),
+        textcoords="offset points",
+        ha="center",
+        va="bottom",
+        fontsize=8,
+        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1.5},
+    )
+    axes.set(xlim=(x_min, x_max), ylim=(y_min, y_max))
+
+
+def show_map(axes: Axes, rgb: Rgb, extent: Extent) -> None:
+    """A picture of cells in metres, with a scale bar."""
+    axes.imshow(rgb, origin="lower", extent=extent.bounds, interpolation="nearest")
+    axes.set(xlabel="x (m)", ylabel="y (m)")
+    axes.tick_params(labelsize=8)
+    add_scale_bar(axes, rgb, extent)
+
+
+def add_legend(figure: Figure, entries: Sequence[tuple[Colour, str]]) -> None:
+    """Colours and what they mean, below the picture, so that no part of the map is covered."""
+    handles = [Patch(facecolor=colour, edgecolor="0.4", linewidth=0.5, label=label) for colour, label in entries]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=8, frameon=False)

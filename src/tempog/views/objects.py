@@ -1,0 +1,116 @@
+"""The temporal map as the paper draws it: walls, places in colours, lines between places of one object (Fig. 13)."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from tempog.analysis.configurations import Configuration
+from tempog.analysis.find_objects import FoundObjects
+from tempog.analysis.static import CellClass
+from tempog.views.canvas import (
+    BLACK,
+    GREY,
+    UNEXPLORED,
+    WHITE,
+    Colour,
+    Rgb,
+    add_legend,
+    as_rgb,
+    canvas,
+    cropped,
+    show_map,
+)
+
+# Okabe and Ito's colours, which colour-blind people can tell apart, without black and without the next one.
+OBJECT_COLOURS: tuple[Colour, ...] = (
+    (0.0, 0.45, 0.70),
+    (0.84, 0.37, 0.0),
+    (0.0, 0.62, 0.45),
+    (0.80, 0.47, 0.65),
+    (0.34, 0.71, 0.91),
+    (0.55, 0.34, 0.29),
+)
+LONE_COLOUR: Colour = (0.90, 0.62, 0.0)
+OBJECTS_LEGEND = [
+    (BLACK, "static"),
+    (WHITE, "free"),
+    UNEXPLORED,
+    (LONE_COLOUR, "place in no object"),
+]
+
+
+def draw_objects(found: FoundObjects, *, title: str = "") -> Figure:
+    """Walls, places and objects: each object has a colour, a number, and a line from place to place (Fig. 13).
+
+    Parameters
+    ----------
+    found : FoundObjects
+    title : str
+        Put before what is shown.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Axes in metres, map frame, y up. Places that are part of no object have a colour of their own.
+    """
+    _, extent = cropped(_cells(found), found.history.extent)
+    figure, axes = canvas(*extent.shape, has_bar=False)
+    paint_objects(axes, found)
+    shown = f"{len(found.objects)} objects, {len(found.unassociated)} other places, method {found.method}"
+    axes.set_title(" · ".join(part for part in (title, shown) if part), fontsize=9, loc="left")
+    add_legend(figure, OBJECTS_LEGEND)
+    return figure
+
+
+def paint_objects(axes: Axes, found: FoundObjects) -> None:
+    """`draw_objects` on given axes, without title and legend."""
+    show_map(axes, *cropped(_cells(found), found.history.extent))
+    for k, one in enumerate(found.objects):
+        colour = object_colour(k)
+        centres = np.array([place.centre_m for place in one.configurations])
+        # A line along the shortest way through them; an object of one place has its number alone.
+        order = _chain(centres)
+        axes.plot(*centres[order].T, color=colour, linewidth=1.6, marker="o", markersize=3)
+        axes.annotate(
+            str(one.id),
+            centres.mean(axis=0),
+            xytext=(4, 4),
+            textcoords="offset points",
+            fontsize=8,
+            color=colour,
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8},
+        )
+
+
+def object_colour(k: int) -> Colour:
+    """Colour of the object listed at place k."""
+    return OBJECT_COLOURS[k % len(OBJECT_COLOURS)]
+
+
+def _cells(found: FoundObjects) -> Rgb:
+    rgb = np.empty((*found.walls.shape, 3), dtype=np.float32)
+    rgb[:] = as_rgb(WHITE)
+    rgb[found.walls == CellClass.UNEXPLORED] = as_rgb(GREY)
+    rgb[found.walls == CellClass.STATIC] = as_rgb(BLACK)
+    coloured = [(place, LONE_COLOUR) for place in found.unassociated]
+    coloured += [(place, object_colour(k)) for k, one in enumerate(found.objects) for place in one.configurations]
+    for place, colour in coloured:
+        rgb[_rows_cols(found, place)] = as_rgb(colour)
+    return rgb
+
+
+def _rows_cols(found: FoundObjects, place: Configuration) -> tuple[np.ndarray, np.ndarray]:
+    extent = found.history.extent
+    return place.cells[:, 0] - extent.row0, place.cells[:, 1] - extent.col0
+
+
+def _chain(centres: np.ndarray) -> list[int]:
+    """Points in the order of a walk that goes from each to the nearest one left, from the first on."""
+    order, left = [0], list(range(1, len(centres)))
+    while left:
+        nearest = min(left, key=lambda k: float(np.hypot(*(centres[k] - centres[order[-1]]))))
+        order.append(nearest)
+        left.remove(nearest)
+    return order

@@ -202,6 +202,9 @@ class ObjectsConfig:
     candidates : "occupied" or "all"
         Cells for Fig. 7, static ones left out: those occupied at some time, or all, as in the figure. With all
         of them the whole floor becomes one configuration.
+    least_occupied : float, 0..1
+        Cells that were occupied for a smaller share of the time they were seen are no candidates either: people
+        pass by, a door stands.
     neighbourhood : 4 or 8
         Which cells around a cell are its neighbours.
     distance : "minkowski" or "jaccard"
@@ -239,6 +242,7 @@ class ObjectsConfig:
     static_measure: Measure = "mad"
     static_weight: Weight = "interval"
     candidates: Candidates = "occupied"
+    least_occupied: float = 0.0
     neighbourhood: int = 8
     distance: SeriesDistance = "minkowski"
     distance_p: float = 1.0
@@ -266,7 +270,7 @@ class ObjectsConfig:
         _require(self.within_m is None or 0 < self.within_m < math.inf, "within_m", self.within_m, "metres above 0")
         for name in ("smallest_m", "near_m"):
             _require(0 <= getattr(self, name) <= 100, name, getattr(self, name), "metres from 0 to 100")
-        for name in ("none_share", "both_share", "seen_share"):
+        for name in ("least_occupied", "none_share", "both_share", "seen_share"):
             _require(0 <= getattr(self, name) <= 1, name, getattr(self, name), "a share from 0 to 1")
 
 

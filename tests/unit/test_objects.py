@@ -201,6 +201,12 @@ def test_with_all_cells_the_floor_is_one_configuration() -> None:
     assert FLOOR not in places(find_configurations(grid))
 
 
+def test_cells_that_are_seldom_occupied_are_no_candidates_if_so_wanted() -> None:
+    grid = grid_of(told(door("closed", "open", "closed")))  # the open place for a third of the time
+    assert places(find_configurations(grid, least_occupied=0.3)) == [CLOSED, OPEN]
+    assert places(find_configurations(grid, least_occupied=0.4)) == [CLOSED]
+
+
 def test_somebody_beside_the_door_is_on_the_move_unless_near_is_asked_for() -> None:
     timeline = door("closed", "open", "closed")
     for seconds, said in timeline[:-1]:

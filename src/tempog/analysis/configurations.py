@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tempog.analysis.dynamics import cell_moments
 from tempog.analysis.series import (
     Distance,
     SeriesSet,
@@ -72,6 +73,7 @@ def find_configurations(
     seen_share: float = ObjectsConfig.seen_share,
     smallest_m: float = ObjectsConfig.smallest_m,
     candidates: Candidates = ObjectsConfig.candidates,
+    least_occupied: float = ObjectsConfig.least_occupied,
 ) -> list[Configuration]:
     """Groups of neighbouring cells whose time series are close (Fig. 7), as the paper does it.
 
@@ -85,7 +87,7 @@ def find_configurations(
         See `tempog.analysis.series.series_distances`.
     threshold : float
         Neighbours whose distance is below it belong together.
-    neighbourhood, seen_share, smallest_m, candidates
+    neighbourhood, seen_share, smallest_m, candidates, least_occupied
         See `tempog.config.ObjectsConfig`.
 
     Raises
@@ -100,10 +102,20 @@ def find_configurations(
     """
     if not threshold > 0:
         raise ConfigError(f"threshold = {threshold!r} cannot work; wanted a distance above 0")
-    ObjectsConfig(neighbourhood=neighbourhood, seen_share=seen_share, smallest_m=smallest_m, candidates=candidates)
+    ObjectsConfig(
+        neighbourhood=neighbourhood,
+        seen_share=seen_share,
+        smallest_m=smallest_m,
+        candidates=candidates,
+        least_occupied=least_occupied,
+    )
     if walls is None:
         walls = static_map(history, weight="interval")
     observed = ever_occupied(history, above=OCCUPIED_ABOVE if candidates == "occupied" else 0.0)
+    if least_occupied > 0:
+        free, hit = history.config.sensing.prob_free, history.config.sensing.prob_hit
+        with np.errstate(invalid="ignore"):
+            observed &= (cell_moments(history, "mad", "duration").mean - free) / (hit - free) >= least_occupied
     cells = np.flatnonzero(observed & ~static_cells(history, walls)).astype(np.int32)
     rows, cols = history.tiles.rows_cols(cells)
     order = np.lexsort((cols, rows))

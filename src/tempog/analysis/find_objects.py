@@ -140,6 +140,7 @@ def find_objects(history: History, method: Method = "paper", settings: ObjectsCo
         seen_share=settings.seen_share,
         smallest_m=settings.smallest_m,
         candidates=settings.candidates,
+        least_occupied=settings.least_occupied,
     )
     objects = associate(  # Fig. 9, 10
         configurations,

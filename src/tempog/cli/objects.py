@@ -45,6 +45,9 @@ def objects(
     candidates: Annotated[
         Candidates | None, typer.Option(help="Cells that can be part of a place: once occupied, or all.")
     ] = None,
+    least_occupied: Annotated[
+        float | None, typer.Option(help="Cells that were occupied for a smaller share of the time are left out.")
+    ] = None,
     neighbourhood: Annotated[int | None, typer.Option(help="4 or 8 neighbours of a cell.")] = None,
     distance: Annotated[SeriesDistance | None, typer.Option(help="How time series of cells are compared.")] = None,
     distance_p: Annotated[float | None, typer.Option(help="p of the Minkowski distance.")] = None,
@@ -82,6 +85,7 @@ def objects(
         "static_measure": static_measure,
         "static_weight": static_weight,
         "candidates": candidates,
+        "least_occupied": least_occupied,
         "neighbourhood": neighbourhood,
         "distance": distance,
         "distance_p": distance_p,

@@ -13,7 +13,7 @@ from tempog.errors import ScanError
 from tempog.scans.carmen_writer import write_carmen
 from tempog.scans.open import open_scans
 from tempog.scans.scan import Scan
-from tempog.simulation import load_world, simulate_site
+from tempog.simulation import load_world, simulate
 from tempog.simulation.truth import truth_paths
 
 
@@ -39,7 +39,7 @@ def test_a_written_log_reads_back_with_the_truth_beside_it(tempog, tmp_path, suf
     code, out, err = tempog("hallway", "-o", log, "--people", 5, "--seed", 3, "--duration", 90)
     assert (code, err) == (0, "")
     assert "900 scans in 1 min 30 s, 5 people, 8 doors" in out
-    simulation = simulate_site(load_world("hallway"), 90.0, seed=3, people=5)
+    simulation = simulate(load_world("hallway"), 90.0, seed=3, people=5)
     read = open_scans(log)
     assert len(read) == 900
     for scan, made in zip(read, simulation.scans, strict=True):

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from tempog.errors import TempogError, WorldError
-from tempog.simulation import load_world
+from tempog.simulation import Route, Thing, Wall, World, load_world
+from tempog.simulation.polygons import disc_gap, leg_gap
 from tempog.simulation.schedules import Dwell, Listed, Recorded, Weekly
-from tempog.simulation.site import Route, Site, Thing, disc_gap, leg_gap
-from tempog.simulation.world import Wall
 
 ROOM = """
 duration_s = 20.0
@@ -41,24 +40,24 @@ def area(wall):
     return abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
 
 
-def covered(site, point):
-    return any(disc_gap(point, np.array(wall.corners)) == 0 for wall in site.walls)
+def covered(world, point):
+    return any(disc_gap(point, np.array(wall.corners)) == 0 for wall in world.walls)
 
 
 def test_a_closed_line_becomes_walls_that_fill_their_corners(load):
-    site = load(ROOM)
-    assert [area(wall) for wall in site.walls] == pytest.approx([6.2 * 0.2, 3.2 * 0.2] * 2)
-    assert covered(site, (-0.09, -0.09))
-    assert covered(site, (6.09, 3.09))
-    assert not covered(site, (0.11, 0.11))
+    world = load(ROOM)
+    assert [area(wall) for wall in world.walls] == pytest.approx([6.2 * 0.2, 3.2 * 0.2] * 2)
+    assert covered(world, (-0.09, -0.09))
+    assert covered(world, (6.09, 3.09))
+    assert not covered(world, (0.11, 0.11))
 
 
 def test_a_door_cuts_the_wall_it_closes(load):
-    site = load(ROOM + DOOR)
-    assert covered(site, (1.95, 3.0))
-    assert not covered(site, (2.05, 3.0))
-    assert not covered(site, (2.85, 3.0))
-    assert covered(site, (2.95, 3.0))
+    world = load(ROOM + DOOR)
+    assert covered(world, (1.95, 3.0))
+    assert not covered(world, (2.05, 3.0))
+    assert not covered(world, (2.85, 3.0))
+    assert covered(world, (2.95, 3.0))
 
 
 def test_the_thickness_of_a_leaf_lies_behind_the_face_that_leads(load):
@@ -68,24 +67,24 @@ def test_the_thickness_of_a_leaf_lies_behind_the_face_that_leads(load):
 
 
 def test_an_open_sliding_leaf_is_hidden_in_the_wall(load):
-    site = load(ROOM + SLIDING)
-    (leaf,) = site.things
-    assert not covered(site, (4.45, 3.0))
-    assert all(covered(site, tuple(corner)) for corner in leaf.corners("open"))
+    world = load(ROOM + SLIDING)
+    (leaf,) = world.things
+    assert not covered(world, (4.45, 3.0))
+    assert all(covered(world, tuple(corner)) for corner in leaf.corners("open"))
 
 
 def test_an_opening_is_cut_and_a_block_is_a_wall(load):
-    site = load(ROOM + "[[opening]]\nfrom = [2, 0]\nto = [3, 0]\n[[wall]]\ncorners = [[2, 2], [2.3, 2], [2, 2.3]]\n")
-    assert not covered(site, (2.5, 0.0))
-    assert covered(site, (3.05, 0.0))
-    assert covered(site, (2.1, 2.1))
+    world = load(ROOM + "[[opening]]\nfrom = [2, 0]\nto = [3, 0]\n[[wall]]\ncorners = [[2, 2], [2.3, 2], [2, 2.3]]\n")
+    assert not covered(world, (2.5, 0.0))
+    assert covered(world, (3.05, 0.0))
+    assert covered(world, (2.1, 2.1))
 
 
 def test_the_hallway_is_the_papers():
-    site = load_world("hallway")
-    assert [thing.name for thing in site.things] == [f"D{k}" for k in range(1, 9)]
-    assert [len(thing.places) for thing in site.things] == [3] + [2] * 7
-    xs = [x for wall in site.walls for x, _ in wall.corners]
+    world = load_world("hallway")
+    assert [thing.name for thing in world.things] == [f"D{k}" for k in range(1, 9)]
+    assert [len(thing.places) for thing in world.things] == [3] + [2] * 7
+    xs = [x for wall in world.walls for x, _ in wall.corners]
     assert 36 < max(xs) - min(xs) < 40
 
 
@@ -155,10 +154,10 @@ def test_a_file_that_is_not_there_is_refused_with_the_worlds_that_are(tmp_path):
 
 def test_worlds_made_in_python_are_checked_too():
     with pytest.raises(WorldError, match="no area"):
-        Site(Route(((0.0, 0.0),)), (Wall(((1.0, 1.0), (2.0, 2.0), (3.0, 3.0))),))
+        World(Route(((0.0, 0.0),)), (Wall(((1.0, 1.0), (2.0, 2.0), (3.0, 3.0))),))
     box = Thing("B", "box", 0.4, 0.4, {"here": (3.0, 0.0, 0.0)})
     with pytest.raises(WorldError, match=r"box\.B is there twice"):
-        Site(Route(((0.0, 0.0),)), things=(box, box))
+        World(Route(((0.0, 0.0),)), things=(box, box))
     with pytest.raises(WorldError, match=r"box\.B has no place 'there'"):
         box.corners("there")
 
@@ -233,6 +232,6 @@ def test_a_damaged_recording_is_refused_with_its_place(load, tmp_path, lines):
 
 
 def test_angles_in_files_are_degrees(load):
-    site = load(ROOM + "[pose_error]\nwhite_deg = 0.5\n[laser]\nfov_deg = 270\n")
-    assert site.laser.fov_rad == pytest.approx(1.5 * math.pi)
-    assert site.pose_error.white_rad == pytest.approx(math.radians(0.5))
+    world = load(ROOM + "[pose_error]\nwhite_deg = 0.5\n[laser]\nfov_deg = 270\n")
+    assert world.laser.fov_rad == pytest.approx(1.5 * math.pi)
+    assert world.pose_error.white_rad == pytest.approx(math.radians(0.5))

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from tempog.grid.temporal_grid import TemporalGrid
     from tempog.simulation import Simulation
 
+DOOR = "D1"
 NEAR_DOOR_M = 1.5  # changes this close to the hinge are counted as the door's
 
 
@@ -50,23 +51,23 @@ def demo(
     for picture in pictures.values():
         check_new_picture(picture, force)
 
-    world = simulate(corridor(seed=0), seed=0)
-    grid = build_grid(world.scans, track=track_scans if wants_progress(quiet) else None)
+    simulation = simulate(corridor(seed=0), seed=0)
+    grid = build_grid(simulation.scans, track=track_scans if wants_progress(quiet) else None)
     save_map(grid, map_path, force=force)
-    opened_s, closed_s = moments_of_door(world, grid)
+    opened_s, closed_s = moments_of_door(simulation, grid)
     save_figure(draw_layer(grid, at=f"+{opened_s:.1f}", title="door open"), pictures["door-open"])
     save_figure(draw_layer(grid, at=f"+{closed_s:.1f}", title="door closed"), pictures["door-closed"])
     save_figure(draw_layer(grid, "dynamics"), pictures["dynamics"])
     save_figure(draw_layer(grid, "static"), pictures["static"])
-    describe(world, grid, opened_s, closed_s)
+    describe(simulation, grid, opened_s, closed_s)
     typer.echo(f"Map: {map_path}")
     typer.echo(f"Pictures: {', '.join(str(picture) for picture in pictures.values())}")
 
 
-def moments_of_door(world: Simulation, grid: TemporalGrid) -> tuple[float, float]:
+def moments_of_door(simulation: Simulation, grid: TemporalGrid) -> tuple[float, float]:
     """Seconds from the start of the map at which the door has been open, and closed, for longest."""
     start_s = int(grid.stamps_ns[0]) / NS_PER_S
-    states = [(t - start_s, state) for t, state in world.door_states()]
+    states = [(t - start_s, state) for t, state in simulation.states(DOOR)]
     ends = [t for t, _ in states[1:]] + [grid.duration_s]
     longest = {}
     for wanted in ("open", "closed"):
@@ -75,7 +76,7 @@ def moments_of_door(world: Simulation, grid: TemporalGrid) -> tuple[float, float
     return longest["open"], longest["closed"]
 
 
-def describe(world: Simulation, grid: TemporalGrid, opened_s: float, closed_s: float) -> None:
+def describe(simulation: Simulation, grid: TemporalGrid, opened_s: float, closed_s: float) -> None:
     """Print what the map found, beside what was true."""
     from tempog.analysis.static import CellClass, static_map
     from tempog.grid.history import OCCUPIED_ABOVE
@@ -86,7 +87,7 @@ def describe(world: Simulation, grid: TemporalGrid, opened_s: float, closed_s: f
         f" {count_text(grid.n_intervals)} intervals; {count_text(static_cells)} cells are static."
     )
     changes = grid.changes(f"+{opened_s:.1f}", f"+{closed_s:.1f}")
-    hinge = np.array(world.world.doors[0].hinge)
+    hinge = np.array(next(iter(simulation.world.things[0].places.values()))[:2])
     near = np.hypot(*(changes.points_map - hinge).T) < NEAR_DOOR_M
     typer.echo(
         f"Between +{opened_s:.1f} s and +{closed_s:.1f} s {len(near)} cells changed,"
@@ -101,5 +102,5 @@ def describe(world: Simulation, grid: TemporalGrid, opened_s: float, closed_s: f
     seen = [state for k, state in enumerate(states) if k == 0 or state[0] != states[k - 1][0]]
     typer.echo(f"The cell at ({x:.2f}, {y:.2f}) m, where the leaf closes, remembers:")
     typer.echo("  seen  " + ", ".join(f"{name} +{(ns - grid.start_ns) / NS_PER_S:.0f} s" for name, ns in seen))
-    true = [(name, t - grid.start_ns / NS_PER_S) for t, name in world.door_states() if name != "moving"]
+    true = [(name, t - grid.start_ns / NS_PER_S) for t, name in simulation.states(DOOR) if name != "moving"]
     typer.echo("  true  " + ", ".join(f"{name} +{t:.0f} s" for name, t in true))

@@ -33,7 +33,8 @@ def simulate(
     json: JsonFlag = False,
 ) -> None:
     """Simulate a robot in a world with doors and people; write its log and the truth."""
-    from tempog.simulation import load_world, simulate_site
+    from tempog.simulation import load_world
+    from tempog.simulation import simulate as run
     from tempog.simulation.truth import truth_paths, write_truth
 
     if output.suffix.lower() not in LOG_SUFFIXES:
@@ -45,9 +46,9 @@ def simulate(
             raise ScanError(f"{path} exists already; use --force to replace it, or choose another name")
     if not output.absolute().parent.is_dir():
         raise ScanError(f"{output.parent} is not a directory; make it first, or choose another place")
-    site = load_world(world)
+    described = load_world(world)
     with status(f"simulating {world}", wants_progress(quiet or json)):
-        simulation = simulate_site(site, duration, seed=seed, people=people)
+        simulation = run(described, duration, seed=seed, people=people)
     if output.suffix.lower() == ".npz":
         from tempog.scans.npz import write_npz
 
@@ -67,13 +68,13 @@ def simulate(
                 "seed": seed,
                 "n_scans": len(simulation.scans),
                 "n_people": n_people,
-                "n_things": len(site.things),
+                "n_things": len(described.things),
                 "duration_s": simulation.duration_s,
             }
         )
     elif not quiet:
         typer.echo(
             f"{output}: {count_text(len(simulation.scans))} scans in {duration_text(simulation.duration_s)},"
-            f" {n_people} people, {len(site.things)} doors and boxes"
+            f" {n_people} people, {len(described.things)} doors and boxes"
         )
         typer.echo(f"Truth: {as_json}, {as_npz}")

@@ -1,35 +1,30 @@
 """Worlds with doors and people: scans plus the truth about them (paper, section V).
 
-A `World` is scripted: everything keeps to its path, whatever stands in the way. In a `Site`, which
-`load_world` reads from a TOML file, doors, people and the robot wait for each other.
+A `World` is built in Python, or read from a TOML file by `load_world`. In it doors, boxes, people and the
+robot wait for each other; only people who are replayed from a `Track` wait for nobody.
 
-Importing this compiles nothing: Numba is loaded by the first call of `simulate` or `simulate_site`.
+Importing this compiles nothing: Numba is loaded by the first call of `simulate`.
 """
 
 from tempog.simulation.corridor import corridor
-from tempog.simulation.simulate import Hit, Simulation, simulate
-from tempog.simulation.simulate_site import SiteSimulation, simulate_site
-from tempog.simulation.site import Crowd, PoseError, Route, Site, Thing
-from tempog.simulation.world import Door, Laser, Person, Robot, Wall, World
+from tempog.simulation.simulate import simulate
+from tempog.simulation.simulation import Hit, Simulation
+from tempog.simulation.tracks import Track
+from tempog.simulation.world import Crowd, Laser, PoseError, Route, Thing, Wall, World
 from tempog.simulation.world_file import load_world
 
 __all__ = [
     "Crowd",
-    "Door",
     "Hit",
     "Laser",
-    "Person",
     "PoseError",
-    "Robot",
     "Route",
     "Simulation",
-    "Site",
-    "SiteSimulation",
     "Thing",
+    "Track",
     "Wall",
     "World",
     "corridor",
     "load_world",
     "simulate",
-    "simulate_site",
 ]

@@ -6,15 +6,20 @@ import math
 
 import numpy as np
 
-from tempog.simulation.world import Door, Person, RestState, Robot, Wall, World
+from tempog.simulation.schedules import Listed
+from tempog.simulation.tracks import Track
+from tempog.simulation.world import Crowd, Route, Thing, Wall, World
 
-DOOR_SCHEDULE: tuple[tuple[float, RestState], ...] = (
-    (14.0, "open"),  # behind the robot's back, on its first way back it finds the door open
-    (66.0, "closed"),  # also behind its back
-    (101.0, "open"),  # in sight, 3 m ahead
-    (126.0, "closed"),  # in sight, seen through the doorway
-    (150.0, "open"),  # in sight
-    (175.0, "closed"),  # in sight
+DURATION_S = 192.0
+DOOR_SCHEDULE = Listed(
+    (
+        (14.0, "open"),  # behind the robot's back, on its first way back it finds the door open
+        (66.0, "closed"),  # also behind its back
+        (101.0, "open"),  # in sight, 3 m ahead
+        (126.0, "closed"),  # in sight, seen through the doorway
+        (150.0, "open"),  # in sight
+        (175.0, "closed"),  # in sight
+    )
 )
 
 
@@ -39,10 +44,9 @@ def corridor(seed: int = 0) -> World:
 
     Examples
     --------
-    >>> len(corridor().walls), len(corridor().doors), len(corridor().people)
-    (13, 1, 1)
+    >>> len(corridor().walls), [thing.label for thing in corridor().things], len(corridor().people.tracks)
+    (13, ['door.D1'], 1)
     """
-    rng = np.random.default_rng(seed)
     walls = (
         # corridor: 14.0 m x 2.4 m inside
         Wall.box(-0.125, 0.025, 0.025, 2.425),  # west end
@@ -61,18 +65,29 @@ def corridor(seed: int = 0) -> World:
         Wall.box(5.025, -2.775, 5.175, -0.125),
         Wall.box(2.025, -2.775, 5.025, -2.625),
     )
-    door = Door(
-        hinge=(7.425, 2.575),
-        closed_rad=math.pi,
-        open_rad=math.pi / 2,
+    hinge = (7.425, 2.575)
+    door = Thing(
+        name="D1",
+        kind="hinged",
         length_m=0.9,
         thickness_m=0.05,
+        places={"closed": (*hinge, math.pi), "open": (*hinge, math.pi / 2)},
         schedule=DOOR_SCHEDULE,
     )
-    person = Person(
-        path=((1.025, 1.775), (13.025, 1.775)),
-        speed_m_s=rng.uniform(0.9, 1.3),
-        start_s=-rng.uniform(0.0, 18.0),
+    return World(
+        robot=Route(((1.525, 0.725), (12.525, 0.725))),
+        walls=walls,
+        things=(door,),
+        people=Crowd(tracks=(_there_and_back(np.random.default_rng(seed)),)),
+        duration_s=DURATION_S,
+        name="corridor",
     )
-    robot = Robot(path=((1.525, 0.725), (12.525, 0.725)))
-    return World(robot=robot, walls=walls, doors=(door,), people=(person,), duration_s=192.0)
+
+
+def _there_and_back(rng: np.random.Generator) -> Track:
+    """A person who walks the length of the corridor all the time, on the way already at the start."""
+    west, east = (1.025, 1.775), (13.025, 1.775)
+    way_s = (east[0] - west[0]) / rng.uniform(0.9, 1.3)
+    first_s = -rng.uniform(0.0, 18.0)
+    n_ways = math.ceil((DURATION_S - first_s) / way_s)
+    return Track([(first_s + k * way_s, *(east if k % 2 else west)) for k in range(n_ways + 1)])

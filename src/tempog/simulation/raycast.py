@@ -40,7 +40,8 @@ def cast_beams(
     The outer loop runs over things rather than beams: a thing out of reach is dropped once per scan, and
     the inner loop reads two short arrays. Of two things at one distance, the lower id wins. End points
     belong to their segment, so nothing leaks between two segments that share one. A segment seen exactly
-    edge-on is hit at its nearer end; a disc around (x, y) is hit from inside.
+    edge-on is hit at its nearer end; a disc around (x, y) is hit from inside. What is nowhere, at NaN, is
+    not hit.
     """
     n_beams = angles.shape[0]
     n_segments = segments.shape[0]
@@ -55,6 +56,8 @@ def cast_beams(
         ay = segments[i, 1] - y
         bx = segments[i, 2] - x
         by = segments[i, 3] - y
+        if math.isnan(ax):
+            continue
         if min(ax, bx) > max_range or max(ax, bx) < -max_range:
             continue
         if min(ay, by) > max_range or max(ay, by) < -max_range:
@@ -83,7 +86,7 @@ def cast_beams(
         my = discs[j, 1] - y
         radius = discs[j, 2]
         reach = max_range + radius
-        if abs(mx) > reach or abs(my) > reach:
+        if math.isnan(mx) or abs(mx) > reach or abs(my) > reach:
             continue
         for beam in range(n_beams):
             m_left = cos[beam] * my - sin[beam] * mx

@@ -1,100 +1,28 @@
-"""Drive through a world: the scans a robot would take, and the truth behind every beam."""
+"""Run a world: the scans its robot takes, and the truth about everything in it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from enum import IntEnum
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tempog.errors import ConfigError
+from tempog.errors import WorldError
 from tempog.scans.scan import Scan
-from tempog.simulation.polygons import covered_cells, outline
-from tempog.simulation.world import DoorState, Laser, RestState, World
+from tempog.simulation.polygons import outline
+from tempog.simulation.simulation import MOVING, START_S, Hit, Simulation
+from tempog.simulation.world import Laser, PoseError, World
 
-START_S = 1_750_000_000  # s, Unix: every simulation starts on 15 June 2025, 15:06:40 UTC
+LONGEST_STEP_S = 0.05  # nobody moves more than 8 cm at once, less than half of anybody
 SHORTEST_RANGE_M = 0.001  # m; noise on a beam that starts at a wall would else make it zero or negative
 
 
-class Hit(IntEnum):
-    """What a beam has hit."""
-
-    NOTHING = 0
-    WALL = 1
-    DOOR = 2
-    PERSON = 3
-    BOX = 4
-
-
-@dataclass(frozen=True, eq=False)
-class Simulation:
-    """Scans of a simulated drive, and the truth about them.
-
-    Attributes
-    ----------
-    world : World
-    duration_s : float, seconds
-    scans : list of Scan
-        With noise and drop-outs. Their poses are the true ones.
-    t : (n_scans,) float64, seconds
-        Since the start of the simulation; the scans' own clock starts at `START_S`.
-    poses : (n_scans, 3) float64
-        True pose of the laser in the map frame: x, y, theta; metres, metres, radians.
-    distances : (n_scans, n_beams) float64, metres
-        Without noise and drop-outs; +inf where there is nothing within the laser's range.
-    hits : (n_scans, n_beams) uint8
-        What each beam has hit (`Hit`), also where the return was lost.
-    door_angles : (n_scans, n_doors) float64, radians
-    people : (n_scans, n_people, 2) float64, metres
-        Where each person was, x and y.
-    """
-
-    world: World
-    duration_s: float
-    scans: list[Scan]
-    t: NDArray[np.float64]
-    poses: NDArray[np.float64]
-    distances: NDArray[np.float64]
-    hits: NDArray[np.uint8]
-    door_angles: NDArray[np.float64]
-    people: NDArray[np.float64]
-
-    def door_states(self, door: int = 0) -> list[tuple[float, DoorState]]:
-        """A door's states as (t, state from then on); t in seconds of the scans' clock."""
-        return [(START_S + t, state) for t, state in self.world.doors[door].states(self.duration_s)]
-
-    def door_leaf_segments(self, state: RestState, door: int = 0) -> NDArray[np.float64]:
-        """The four faces of a door's leaf when "open" or "closed"; (4, 4) metres: x0, y0, x1, y1."""
-        leaf = self.world.doors[door]
-        return outline(leaf.leaf_corners(leaf.rest_angle(state)))
-
-    def door_leaf_cells(self, state: RestState, resolution_m: float, door: int = 0) -> NDArray[np.int64]:
-        """The cells that a door's leaf covers when "open" or "closed".
-
-        Returns
-        -------
-        (n_cells, 2) int64
-            [row, col] = floor(y / resolution_m), floor(x / resolution_m); sorted, may be negative.
-        """
-        leaf = self.world.doors[door]
-        return covered_cells(leaf.leaf_corners(leaf.rest_angle(state)), resolution_m)
-
-    def truth_static_cells(self, resolution_m: float) -> NDArray[np.int64]:
-        """The cells that walls cover, inside included: no laser sees more than their faces.
-
-        Returns
-        -------
-        (n_cells, 2) int64
-            [row, col] = floor(y / resolution_m), floor(x / resolution_m); sorted, each once, may be
-            negative.
-        """
-        cells = [covered_cells(wall.corners, resolution_m) for wall in self.world.walls]
-        return np.unique(np.concatenate([np.empty((0, 2), dtype=np.int64), *cells]), axis=0)
-
-
-def simulate(world: World, duration_s: float | None = None, seed: int = 0) -> Simulation:
+def simulate(world: World, duration_s: float | None = None, seed: int = 0, people: int | None = None) -> Simulation:
     """Take the scans that the robot of a world would take.
+
+    Doors wait until nobody is in their way; the robot stops for leaves and people; people walk around walls,
+    closed doors, the robot and each other. Nobody ever overlaps anything; only people who are replayed
+    (`Crowd.tracks`) mind nobody. Walkers step out of their way where they can.
 
     Parameters
     ----------
@@ -102,7 +30,9 @@ def simulate(world: World, duration_s: float | None = None, seed: int = 0) -> Si
     duration_s : float, seconds, optional
         Default: `world.duration_s`. The first scan is taken at 0 s, the last before `duration_s`.
     seed : int
-        Of the noise and the drop-outs. The same seed gives the same scans.
+        Of people, dwell times, noise and pose error. The same seed gives the same simulation.
+    people : int, optional
+        How many walk, instead of `world.people.number`; tracks are replayed all the same.
 
     Returns
     -------
@@ -110,65 +40,159 @@ def simulate(world: World, duration_s: float | None = None, seed: int = 0) -> Si
 
     Raises
     ------
-    ConfigError
-        `duration_s` is not above 0.
+    WorldError
+        A `duration_s` not above 0, or more people than there is room for.
 
     Examples
     --------
-    >>> from tempog.simulation import corridor
-    >>> simulation = simulate(corridor(), duration_s=20.0)
-    >>> simulation.scans[0]
-    Scan(t=1750000000, pose=(1.525, 0.725, 0.0), 181 beams, 165 returns)
-    >>> [(t - START_S, state) for t, state in simulation.door_states()]
-    [(0.0, 'closed'), (14.0, 'moving'), (15.0, 'open')]
+    >>> from tempog.simulation import load_world
+    >>> simulation = simulate(load_world("hallway"), duration_s=60.0, people=5)
+    >>> len(simulation.scans), simulation.people.shape
+    (600, (600, 5, 2))
     """
+    from tempog.simulation.floor import N_GOALS, plan_floor, start_places
     from tempog.simulation.raycast import cast_beams  # here, so that describing a world needs no Numba
+    from tempog.simulation.walking import (
+        FAR_M,
+        People,
+        Robot,
+        Things,
+        Tracks,
+        advance,
+        advance_without_walkers,
+        replay,
+    )
 
+    if people is not None:
+        world = replace(world, people=replace(world.people, number=people))
     duration_s = world.duration_s if duration_s is None else duration_s
     if not 0 < duration_s < np.inf:
-        raise ConfigError(f"duration_s = {duration_s!r} leaves nothing to simulate; wanted seconds above 0")
-    laser = world.laser
-    n_scans = int(np.ceil(round(duration_s * laser.rate_hz, 6)))  # 0.07 * 100 is 7.000000000000001
+        raise WorldError(f"duration_s = {duration_s!r} leaves nothing to simulate; wanted seconds above 0")
+    laser, robot, crowd, things = world.laser, world.robot, world.people, world.things
+    noise_rng = np.random.default_rng(seed)
+    error_rng, people_rng, *thing_rngs = (
+        np.random.default_rng(sequence) for sequence in np.random.SeedSequence(seed).spawn(2 + len(things))
+    )
+    n_scans = int(np.ceil(round(duration_s * laser.rate_hz, 6)))
     t = np.arange(n_scans) / laser.rate_hz
-    poses = world.robot.poses(t)
-    door_angles = np.empty((n_scans, len(world.doors)))
-    for i, door in enumerate(world.doors):
-        door_angles[:, i] = door.angles(t)
-    people = np.empty((n_scans, len(world.people), 2))
-    for i, person in enumerate(world.people):
-        people[:, i] = person.positions(t)
+    n_steps = int(np.ceil(round(1.0 / laser.rate_hz / LONGEST_STEP_S, 6)))
+    dt = 1.0 / laser.rate_hz / n_steps
 
-    # Walls stay; leaves and people are written anew for each scan. `kinds[-1]` is for the id NOTHING.
-    walls = [outline(wall.corners) for wall in world.walls]
-    n_wall_segments = sum(len(faces) for faces in walls)
-    segments = np.concatenate([*walls, np.zeros((4 * len(world.doors), 4))])
-    discs = np.array([(0.0, 0.0, person.radius_m) for person in world.people]).reshape(-1, 3)
-    kinds = np.full(len(segments) + len(discs) + 1, Hit.NOTHING, dtype=np.uint8)
-    kinds[:n_wall_segments] = Hit.WALL
-    kinds[n_wall_segments : len(segments)] = Hit.DOOR
+    # Things: all their places in one array, all their moves in another.
+    place_poses = [pose for thing in things for pose in thing.places.values()]
+    place_start = np.cumsum([0, *(len(thing.places) for thing in things)])
+    event_t: list[float] = []
+    event_place: list[int] = []
+    event_stop: list[int] = []
+    at = []
+    for thing, first, rng in zip(things, place_start[:-1], thing_rngs, strict=True):
+        names = list(thing.places)
+        for when, place in thing.schedule.moves(names, thing.initial, duration_s, rng):
+            event_t.append(when)
+            event_place.append(int(first) + names.index(place))
+        event_stop.append(len(event_t))
+        at.append(int(first) + names.index(thing.initial))
+    pose = np.array([*robot.round_trip[0], robot.heading_rad])
+    if len(robot.round_trip) > 1:
+        (x0, y0), (x1, y1) = robot.round_trip[:2]
+        pose[2] = np.arctan2(y1 - y0, x1 - x0)
+    corners = np.array([thing.corners(thing.initial) for thing in things]).reshape(-1, 4, 2)
+    moving_things = Things(
+        rectangles=np.array([thing.rectangle for thing in things]).reshape(-1, 4, 2),
+        carried=np.array([thing.kind == "box" for thing in things], dtype=np.uint8),
+        move_s=np.array([thing.move_s for thing in things], dtype=np.float64),
+        swing_m=np.array([thing.length_m * (thing.kind == "hinged") for thing in things], dtype=np.float64),
+        places=np.array(place_poses, dtype=np.float64).reshape(-1, 3),
+        event_t=np.array(event_t, dtype=np.float64),
+        event_place=np.array(event_place, dtype=np.int32),
+        event_stop=np.array(event_stop, dtype=np.int32),
+        event_next=np.array([0, *event_stop][: len(things)], dtype=np.int32),
+        travel=np.column_stack([at, at, at]).astype(np.int32).reshape(-1, 3),
+        fraction=np.ones(len(things)),
+        held_s=np.zeros(len(things)),
+        corners=corners,
+    )
+    moving_robot = Robot(
+        route=np.array(robot.round_trip),
+        drive=np.array([robot.speed_m_s, robot.turn_rad_s, robot.radius_m, robot.stop_m], dtype=np.float64),
+        target=np.array([1 % len(robot.round_trip)], dtype=np.int32),
+        pose=pose,
+    )
+
+    walls = np.concatenate([np.empty((0, 4)), *(outline(wall.corners) for wall in world.walls)])
+    n, n_people = crowd.number, crowd.number + len(crowd.tracks)
+    where = np.full((n_people, 2), FAR_M)
+    floor = None
+    if n:
+        floor = plan_floor(world, walls, people_rng)
+        where[:n] = start_places(world, floor, corners, people_rng)
+    traits = np.column_stack([people_rng.uniform(*crowd.speed_m_s, n), people_rng.uniform(*crowd.turn_rate_hz, n)])
+    mind = np.zeros((n, 7))
+    mind[:, 0] = people_rng.uniform(-np.pi, np.pi, n)
+    moving_people = People(
+        where=where,
+        mind=mind,
+        traits=traits,
+        goal=people_rng.integers(0, N_GOALS, n).astype(np.int32),
+        radius=float(crowd.radius_m),
+        pause_mean_s=float(crowd.pause_s),
+    )
+    stops = np.cumsum([len(track.samples) for track in crowd.tracks]).astype(np.int32)
+    tracks = Tracks(
+        samples=np.concatenate([np.empty((0, 3)), *(track.samples for track in crowd.tracks)]),
+        stop=stops,
+        next=np.array([0, *stops][: len(stops)], dtype=np.int32),
+        velocity=np.zeros((len(stops), 2)),
+    )
+
+    segments = np.concatenate([walls, np.zeros((4 * len(things), 4))])
+    discs = np.full((n_people, 3), crowd.radius_m)
+    kinds = np.full(len(segments) + n_people + 1, Hit.NOTHING, dtype=np.uint8)  # the last is for the id NOTHING
+    owner = np.full(len(kinds), -1, dtype=np.int16)
+    kinds[: len(walls)] = Hit.WALL
+    for k, thing in enumerate(things):
+        faces = slice(len(walls) + 4 * k, len(walls) + 4 * k + 4)
+        kinds[faces] = Hit.BOX if thing.kind == "box" else Hit.DOOR
+        owner[faces] = k
     kinds[len(segments) : -1] = Hit.PERSON
 
+    poses = np.empty((n_scans, 3))
+    positions = np.empty((n_scans, n_people, 2))
+    all_corners = np.empty((n_scans, len(things), 4, 2))
+    places = np.empty((n_scans, len(things)), dtype=np.int16)
     distances = np.empty((n_scans, laser.n_beams))
     ids = np.empty((n_scans, laser.n_beams), dtype=np.int32)
-    for k, (x, y, theta) in enumerate(poses):
-        for i, door in enumerate(world.doors):
-            first = n_wall_segments + 4 * i
-            segments[first : first + 4] = outline(door.leaf_corners(door_angles[k, i]))
-        discs[:, :2] = people[k]
-        angles_map = theta + laser.angles
-        cast_beams(x, y, angles_map, segments, discs, float(laser.max_range_m), distances[k], ids[k])
+    epoch = np.zeros(2, dtype=np.int32)
+    replay(0.0, dt, tracks, moving_people)
+    for i in range(n_scans):
+        poses[i] = pose
+        positions[i] = np.where(where < FAR_M / 2, where, np.nan)
+        all_corners[i] = np.where(corners < FAR_M / 2, corners, np.nan)
+        places[i] = np.where(moving_things.fraction >= 1.0, moving_things.travel[:, 1] - place_start[:-1], MOVING)
+        segments[len(walls) :, :2] = all_corners[i].reshape(-1, 2)
+        segments[len(walls) :, 2:] = np.roll(all_corners[i], -1, axis=1).reshape(-1, 2)
+        discs[:, :2] = positions[i]
+        cast_beams(
+            pose[0], pose[1], pose[2] + laser.angles, segments, discs, float(laser.max_range_m), distances[i], ids[i]
+        )
+        if floor is None:
+            advance_without_walkers(t[i], dt, n_steps, moving_things, moving_robot, moving_people, tracks, epoch)
+        else:
+            advance(t[i], dt, n_steps, people_rng, walls, moving_things, moving_robot, moving_people, tracks, floor)
 
-    scans = take_scans(laser, t, poses, distances, np.random.default_rng(seed))
+    told = poses + pose_errors(world.pose_error, t, error_rng)
     return Simulation(
         world=world,
         duration_s=float(duration_s),
-        scans=scans,
+        scans=take_scans(laser, t, told, distances, noise_rng),
         t=t,
         poses=poses,
         distances=distances,
         hits=kinds[ids],
-        door_angles=door_angles,
-        people=people,
+        hit_things=owner[ids],
+        places=places,
+        corners=all_corners,
+        people=positions,
     )
 
 
@@ -195,3 +219,16 @@ def take_scans(
         )
         for k, (x, y, theta) in enumerate(poses)
     ]
+
+
+def pose_errors(error: PoseError, t: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
+    """What poses are off by, (n_scans, 3): white noise, plus a drift that forgets itself in `drift_s`."""
+    white = rng.normal(size=(len(t), 3)) * (error.white_m, error.white_m, error.white_rad)
+    kicks = rng.normal(size=(len(t), 3))
+    kept = np.exp(-np.diff(t, prepend=t[0]) / error.drift_s)
+    drift = np.empty_like(kicks)
+    state = kicks[0]
+    for i in range(len(t)):
+        state = kept[i] * state + np.sqrt(1.0 - kept[i] ** 2) * kicks[i]
+        drift[i] = state
+    return white + drift * (error.drift_m, error.drift_m, error.drift_rad)

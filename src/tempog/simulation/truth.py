@@ -1,7 +1,7 @@
 """What was true during a simulation, as files beside its log.
 
 ``LOG.truth.json`` holds, for each door and box, its places and its states over time. ``LOG.truth.npz`` holds,
-for each scan, the arrays of `SiteSimulation`: t, poses, distances, hits, hit_things, places, corners, people.
+for each scan, the arrays of `Simulation`: t, poses, distances, hits, hit_things, places, corners, people.
 """
 
 from __future__ import annotations
@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from tempog._files import whole_file
-from tempog.simulation.simulate import START_S
-from tempog.simulation.simulate_site import SiteSimulation
+from tempog.simulation.simulation import START_S, Simulation
 
 ARRAYS = ("t", "poses", "distances", "hits", "hit_things", "places", "corners", "people")
 
@@ -28,15 +27,15 @@ def truth_paths(log: Path) -> tuple[Path, Path]:
     return log.with_name(f"{log.name}.truth.json"), log.with_name(f"{log.name}.truth.npz")
 
 
-def truth(simulation: SiteSimulation) -> dict[str, Any]:
+def truth(simulation: Simulation) -> dict[str, Any]:
     """Places and states of all doors and boxes, ready for JSON; stamps in seconds of the scans' clock."""
-    site = simulation.site
+    world = simulation.world
     return {
-        "world": site.name,
+        "world": world.name,
         "start_s": START_S,
         "duration_s": simulation.duration_s,
         "n_scans": len(simulation.scans),
-        "n_people": site.people.number,
+        "n_people": simulation.people.shape[1],
         "things": [
             {
                 "name": thing.name,
@@ -44,12 +43,12 @@ def truth(simulation: SiteSimulation) -> dict[str, Any]:
                 "places": {place: np.round(thing.corners(place), 6).tolist() for place in thing.places},
                 "states": [{"from_s": t, "state": state} for t, state in simulation.states(thing.label)],
             }
-            for thing in site.things
+            for thing in world.things
         ],
     }
 
 
-def write_truth(log: Path, simulation: SiteSimulation) -> tuple[Path, Path]:
+def write_truth(log: Path, simulation: Simulation) -> tuple[Path, Path]:
     """Write the truth beside a log, each file whole or not at all; return where."""
     as_json, as_npz = truth_paths(log)
     with whole_file(as_json) as unfinished:

@@ -1,13 +1,15 @@
-"""Kernels: one scan period of a site, in which everybody waits for everybody.
+"""Kernels: one scan period of a world, in which everybody waits for everybody.
 
-Arrays in, arrays out, metres, radians and seconds in the map frame. No classes, no validation:
-`simulate_site` has already cast everything that arrives here. Things, the robot and people move in turn,
-and each step is taken only if it leads into nobody; so whoever starts clear stays clear.
+Arrays in (bundled by whom they are about), arrays out, metres, radians and seconds in the map frame. No
+validation: `simulate` has already cast everything that arrives here. Things, the robot and people move in
+turn, and each step is taken only if it leads into nobody; so whoever starts clear stays clear. Only people
+who are replayed mind nobody.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +29,104 @@ N_SWEEP = 10  # places of a leaf on its way that must be clear before it starts
 FAR_SHARE = 0.05  # of the goals people choose; the others are the nearest of a few
 N_COMPARED = 12
 STRAIGHT_RAD = 1e-9  # a robot that looks this close to its waypoint drives
+SAME_TIME_S = 1e-9  # as for `Track`
+ALERT_S = 1.5  # people look this far ahead for somebody who will not wait for them
+DODGE_S = 0.3
+DODGE_M = 0.1  # beside the bodies themselves
+
+
+class Things(NamedTuple):
+    """Doors' leaves and boxes.
+
+    rectangles   (n_things, 4, 2)    in their own frames
+    carried, move_s  (n_things,)     whether it is a box; time of a move
+    swing_m      (n_things,)         room before it that a swinging leaf needs
+    places       (n_places, 3)       poses of all things' places
+    event_*      (n_events,)         moves of all things: from when, to which place; a thing's own end before
+                                     event_stop; event_next is its next one                           [updated]
+    travel       (n_things, 3)       place left, place headed for, place wanted                       [updated]
+    fraction, held_s  (n_things,)    of the way done, 1 at rest; time it has been held up             [updated]
+    corners      (n_things, 4, 2)    where it is; FAR_M away while it is carried                      [updated]
+    """
+
+    rectangles: NDArray[np.float64]
+    carried: NDArray[np.uint8]
+    move_s: NDArray[np.float64]
+    swing_m: NDArray[np.float64]
+    places: NDArray[np.float64]
+    event_t: NDArray[np.float64]
+    event_place: NDArray[np.int32]
+    event_stop: NDArray[np.int32]
+    event_next: NDArray[np.int32]
+    travel: NDArray[np.int32]
+    fraction: NDArray[np.float64]
+    held_s: NDArray[np.float64]
+    corners: NDArray[np.float64]
+
+
+class Robot(NamedTuple):
+    """route, drive (n, 2), (4,): waypoints; speed, turn rate, radius, stopping distance.
+
+    target, pose  (1,), (3,)         waypoint headed for; x, y, theta                                 [updated]
+    """
+
+    route: NDArray[np.float64]
+    drive: NDArray[np.float64]
+    target: NDArray[np.int32]
+    pose: NDArray[np.float64]
+
+
+class People(NamedTuple):
+    """Walkers first, then the replayed, who have no mind.
+
+    where        (n_people, 2)       FAR_M away while absent                                          [updated]
+    mind         (n_walkers, 7)      heading, pause s, aside s, aside x, aside y, sway, stuck s       [updated]
+    traits       (n_walkers, 2)      speed, changes of direction per second
+    goal         (n_walkers,)        which of the floor's goals                                       [updated]
+    """
+
+    where: NDArray[np.float64]
+    mind: NDArray[np.float64]
+    traits: NDArray[np.float64]
+    goal: NDArray[np.int32]
+    radius: float
+    pause_mean_s: float
+
+
+class Tracks(NamedTuple):
+    """samples  (n_samples, 3): t, x, y of all tracks, one after the other.
+
+    stop         (n_tracks,)         a track's own end before this row
+    next         (n_tracks,)         its first row that is not past                                   [updated]
+    velocity     (n_tracks, 2)                                                                        [updated]
+    """
+
+    samples: NDArray[np.float64]
+    stop: NDArray[np.int32]
+    next: NDArray[np.int32]
+    velocity: NDArray[np.float64]
+
+
+class Floor(NamedTuple):
+    """The grid that people plan their ways on.
+
+    goals        (n_goals, 2)        row, col
+    fields       (n_goals, n_rows, n_cols)  way to each goal, valid if field_epoch equals epoch[0]    [updated]
+    epoch        (2,)                raised when a leaf or box comes or goes; that of `blocked`       [updated]
+    wall_mask, blocked  (n_rows, n_cols)  no room for a middle: for walls; for things at rest, too    [updated]
+    """
+
+    goals: NDArray[np.int32]
+    fields: NDArray[np.int32]
+    field_epoch: NDArray[np.int32]
+    epoch: NDArray[np.int32]
+    wall_mask: NDArray[np.uint8]
+    blocked: NDArray[np.uint8]
+    queue: NDArray[np.int32]
+    queued: NDArray[np.uint8]
+    x0: float
+    y0: float
+    cell_m: float
 
 
 @kernel
@@ -175,13 +275,20 @@ def can_stand(
     robot: NDArray[np.float64],
     robot_radius: float,
     people: NDArray[np.float64],
+    n_walkers: int,
     radius: float,
 ) -> bool:
-    """Whether person i may be at (x, y): clear of walls, things, the robot and all others."""
+    """Whether person i may be at (x, y): clear of walls, things, the robot and all others.
+
+    Who has been walked into by somebody replayed may go wherever that one is farther away.
+    """
     for j in range(people.shape[0]):
         dx, dy = people[j, 0] - x, people[j, 1] - y
-        if j != i and dx * dx + dy * dy < (2 * radius + GAP_M) ** 2:
-            return False
+        square = dx * dx + dy * dy
+        if j != i and square < (2 * radius + GAP_M) ** 2:
+            was = (people[j, 0] - people[i, 0]) ** 2 + (people[j, 1] - people[i, 1]) ** 2
+            if j < n_walkers or square <= was:
+                return False
     reach = robot_radius + radius + GAP_M
     if (robot[0] - x) ** 2 + (robot[1] - y) ** 2 < reach * reach:
         return False
@@ -216,242 +323,323 @@ def choose_goal(rng: np.random.Generator, goals: NDArray[np.int32], row: float, 
 
 
 @kernel
+def dodge(i: int, people: People, tracks: Tracks) -> None:
+    """Let person i step out of the way of somebody who is replayed and will not wait."""
+    first = people.mind.shape[0]
+    for j in range(tracks.velocity.shape[0]):
+        vx, vy = tracks.velocity[j, 0], tracks.velocity[j, 1]
+        dx, dy = people.where[i, 0] - people.where[first + j, 0], people.where[i, 1] - people.where[first + j, 1]
+        v = math.hypot(vx, vy)
+        if v < 1e-6 or math.hypot(dx, dy) > 2 * people.radius + DODGE_M + v * ALERT_S:
+            continue
+        soon = min(max((dx * vx + dy * vy) / (v * v), 0.0), ALERT_S)
+        off_x, off_y = dx - vx * soon, dy - vy * soon
+        off = math.hypot(off_x, off_y)
+        if off > 2 * people.radius + DODGE_M or (soon == 0.0 and off > 2 * people.radius + GAP_M):
+            continue
+        if off < 1e-6:
+            off_x, off_y = -vy, vx
+        people.mind[i, 1] = 0.0
+        people.mind[i, 2] = DODGE_S
+        people.mind[i, 3], people.mind[i, 4] = off_x, off_y
+
+
+@kernel
+def replay(now: float, dt: float, tracks: Tracks, people: People) -> None:
+    """Put replayed people where they are at `now`: straight between samples, FAR_M away while absent."""
+    first = people.mind.shape[0]
+    for j in range(tracks.stop.shape[0]):
+        begin = tracks.stop[j - 1] if j > 0 else 0
+        end = tracks.stop[j]
+        k = tracks.next[j]
+        while k < end and tracks.samples[k, 0] < now - SAME_TIME_S:
+            k += 1
+        tracks.next[j] = k
+        x, y = FAR_M, FAR_M
+        if k < end and tracks.samples[k, 0] <= now + SAME_TIME_S:
+            x, y = tracks.samples[k, 1], tracks.samples[k, 2]
+        elif begin < k < end:
+            t0, t1 = tracks.samples[k - 1, 0], tracks.samples[k, 0]
+            u = (now - t0) / (t1 - t0)
+            x = tracks.samples[k - 1, 1] + (tracks.samples[k, 1] - tracks.samples[k - 1, 1]) * u
+            y = tracks.samples[k - 1, 2] + (tracks.samples[k, 2] - tracks.samples[k - 1, 2]) * u
+        was_x, was_y = people.where[first + j, 0], people.where[first + j, 1]
+        there = x < FAR_M / 2 and was_x < FAR_M / 2
+        tracks.velocity[j, 0] = (x - was_x) / dt if there else 0.0
+        tracks.velocity[j, 1] = (y - was_y) / dt if there else 0.0
+        people.where[first + j, 0], people.where[first + j, 1] = x, y
+
+
+@kernel
+def move_things(
+    now: float,
+    dt: float,
+    things: Things,
+    robot: Robot,
+    people: People,
+    epoch: NDArray[np.int32],
+) -> None:
+    """Move leaves and boxes on by one step, unless somebody is in their way."""
+    rectangles, carried, move_s, places = things.rectangles, things.carried, things.move_s, things.places
+    event_t, event_place, event_stop, event_next = (
+        things.event_t,
+        things.event_place,
+        things.event_stop,
+        things.event_next,
+    )
+    travel, fraction, held_s, corners = things.travel, things.fraction, things.held_s, things.corners
+    robot_radius, stop_m = robot.drive[2], robot.drive[3]
+    where, radius, mind = people.where, people.radius, people.mind
+    n_things = rectangles.shape[0]
+    trial = np.empty((4, 2))
+    for k in range(n_things):
+        while event_next[k] < event_stop[k] and event_t[event_next[k]] <= now + 1e-9:
+            travel[k, 2] = event_place[event_next[k]]
+            event_next[k] += 1
+        in_way = -1
+        if fraction[k] >= 1.0:
+            if travel[k, 1] == travel[k, 2]:
+                continue
+            first = N_SWEEP if carried[k] else 1
+            for part in range(first, N_SWEEP + 1):
+                place_thing(rectangles[k], places[travel[k, 1]], places[travel[k, 2]], part / N_SWEEP, trial)
+                in_way = who_is_in(trial, robot.pose, robot_radius + stop_m + GAP_M, where, radius + 2 * GAP_M)
+                if in_way != -1:
+                    break
+            if in_way == -1:
+                travel[k, 0] = travel[k, 1]
+                travel[k, 1] = travel[k, 2]
+                early = max(event_t[event_next[k] - 1] - (now - dt), 0.0)  # of this step, before the move is due
+                fraction[k] = -early / move_s[k]
+                held_s[k] = 0.0
+                epoch[0] += 1
+        if fraction[k] < 1.0:
+            further = fraction[k] + dt / move_s[k]
+            if further > 1.0 - 1e-9:
+                further = 1.0
+            place_thing(rectangles[k], places[travel[k, 0]], places[travel[k, 1]], further, trial)
+            if carried[k] and further < 1.0:
+                fraction[k] = further
+                corners[k] = FAR_M
+                corners[k, 1, 0] += 1.0  # no side without length
+                corners[k, 2] += 1.0
+                corners[k, 3, 1] += 1.0
+                continue
+            in_way = who_is_in(trial, robot.pose, robot_radius + GAP_M, where, radius + GAP_M)
+            for other in range(n_things):
+                if in_way != -1 or other == k or not (carried[k] or carried[other]):
+                    continue
+                if quads_meet(trial, corners[other]):
+                    in_way = -3
+            if in_way == -1:
+                corners[k] = trial
+                fraction[k] = further
+                held_s[k] = 0.0
+                if further == 1.0:
+                    epoch[0] += 1
+            else:
+                held_s[k] += dt
+                if held_s[k] > BLOCKED_S and not carried[k]:
+                    left = travel[k, 0]
+                    travel[k, 0] = travel[k, 1]
+                    travel[k, 1] = left
+                    fraction[k] = 1.0 - fraction[k]
+                    held_s[k] = 0.0
+        if 0 <= in_way < mind.shape[0] and mind[in_way, 2] <= 0.0:
+            away_x = where[in_way, 0] - (trial[0, 0] + trial[2, 0]) / 2
+            away_y = where[in_way, 1] - (trial[0, 1] + trial[2, 1]) / 2
+            mind[in_way, 1] = 0.0
+            mind[in_way, 2] = ASIDE_S
+            mind[in_way, 3] = away_x
+            mind[in_way, 4] = away_y
+
+
+@kernel
+def drive_robot(dt: float, robot: Robot, things: Things, people: People) -> None:
+    """Turn or drive the robot on by one step, unless somebody or something is ahead of it."""
+    route, target, pose = robot.route, robot.target, robot.pose
+    speed, turn_rate, robot_radius, stop_m = robot.drive[0], robot.drive[1], robot.drive[2], robot.drive[3]
+    where, radius, mind = people.where, people.radius, people.mind
+    corners, swing_m = things.corners, things.swing_m
+    if route.shape[0] < 2:
+        return
+    way_x, way_y = route[target[0], 0] - pose[0], route[target[0], 1] - pose[1]
+    way = math.hypot(way_x, way_y)
+    if way < 1e-9:
+        target[0] = (target[0] + 1) % route.shape[0]
+        way_x, way_y = route[target[0], 0] - pose[0], route[target[0], 1] - pose[1]
+        way = math.hypot(way_x, way_y)
+    wanted = math.atan2(way_y, way_x)
+    turn = (wanted - pose[2] + math.pi) % (2 * math.pi) - math.pi
+    if abs(turn) > STRAIGHT_RAD and way > 1e-9:
+        turn = min(max(turn, -turn_rate * dt), turn_rate * dt)
+        pose[2] = (pose[2] + turn + math.pi) % (2 * math.pi) - math.pi
+    elif way > 1e-9:
+        c, s = way_x / way, way_y / way
+        ahead = min(speed * dt, way)
+        last = ahead >= way - 1e-9
+        next_x = route[target[0], 0] if last else pose[0] + c * ahead
+        next_y = route[target[0], 1] if last else pose[1] + s * ahead
+        look = min(stop_m, way - ahead)
+        waits = False
+        for i in range(where.shape[0]):
+            u = (where[i, 0] - next_x) * c + (where[i, 1] - next_y) * s
+            u = min(max(u, 0.0), look)
+            dx, dy = where[i, 0] - next_x - u * c, where[i, 1] - next_y - u * s
+            reach = robot_radius + radius + GAP_M
+            if dx * dx + dy * dy < reach * reach:
+                waits = True
+                if i < mind.shape[0] and mind[i, 2] <= 0.0:
+                    side = 1.0 if c * dy - s * dx >= 0.0 else -1.0
+                    mind[i, 1] = 0.0
+                    mind[i, 2] = ASIDE_S
+                    mind[i, 3] = -s * side
+                    mind[i, 4] = c * side
+        for k in range(corners.shape[0]):
+            look = min(stop_m + swing_m[k], way - ahead)
+            n_parts = int(look / robot_radius) + 1  # discs less than a radius apart leave no gap
+            for part in range(n_parts + 1):
+                px, py = next_x + c * look * part / n_parts, next_y + s * look * part / n_parts
+                if disc_meets_quad(corners[k], px, py, robot_radius + GAP_M):
+                    waits = True
+        if not waits:
+            pose[0], pose[1] = next_x, next_y
+
+
+@kernel
+def walk(
+    dt: float,
+    rng: np.random.Generator,
+    walls: NDArray[np.float64],
+    things: Things,
+    robot: Robot,
+    people: People,
+    tracks: Tracks,
+    floor: Floor,
+) -> None:
+    """Let everybody who is not replayed walk on by one step."""
+    rectangles, places, travel, corners = things.rectangles, things.places, things.travel, things.corners
+    where, mind, traits, goal, radius, pause_mean_s = (
+        people.where,
+        people.mind,
+        people.traits,
+        people.goal,
+        people.radius,
+        people.pause_mean_s,
+    )
+    goals, fields, field_epoch, epoch = floor.goals, floor.fields, floor.field_epoch, floor.epoch
+    blocked, queue, queued = floor.blocked, floor.queue, floor.queued
+    x0, y0, cell_m = floor.x0, floor.y0, floor.cell_m
+    n_rows, n_cols = blocked.shape
+    robot_radius = robot.drive[2]
+    n_walkers = mind.shape[0]
+    if epoch[1] != epoch[0]:
+        rest = np.empty((rectangles.shape[0], 4, 2))
+        for k in range(rectangles.shape[0]):
+            place_thing(rectangles[k], places[travel[k, 1]], places[travel[k, 1]], 1.0, rest[k])
+        block_things(floor.wall_mask, rest, x0, y0, cell_m, radius + GAP_M, blocked)
+        epoch[1] = epoch[0]
+
+    for i in range(n_walkers):
+        x, y = where[i, 0], where[i, 1]
+        chance = rng.random()
+        dodge(i, people, tracks)
+        if mind[i, 2] > 0.0:
+            mind[i, 2] -= dt
+            dir_x, dir_y = mind[i, 3], mind[i, 4]
+        elif mind[i, 1] > 0.0:
+            mind[i, 1] -= dt
+            continue
+        else:
+            if chance < traits[i, 1] * dt:
+                mind[i, 5] = rng.uniform(-2.0, 2.0)
+                if rng.random() < 0.5:
+                    goal[i] = choose_goal(rng, goals, (y - y0) / cell_m, (x - x0) / cell_m)
+            g = goal[i]
+            if field_epoch[g] != epoch[0]:
+                fill_field(blocked, goals[g, 0], goals[g, 1], fields[g], queue, queued)
+                field_epoch[g] = epoch[0]
+            row, col = int((y - y0) / cell_m), int((x - x0) / cell_m)
+            here = fields[g, row, col]
+            if here <= NEAR_GOAL:
+                goal[i] = choose_goal(rng, goals, (y - y0) / cell_m, (x - x0) / cell_m)
+                if rng.random() < 0.5:
+                    mind[i, 1] = rng.exponential(pause_mean_s)
+                continue
+            best, best_row, best_col = UNREACHED, row, col
+            ring = 1 if here < UNREACHED else 2
+            for r in range(max(row - ring, 0), min(row + ring + 1, n_rows)):
+                for c_ in range(max(col - ring, 0), min(col + ring + 1, n_cols)):
+                    if fields[g, r, c_] < best:
+                        best, best_row, best_col = fields[g, r, c_], r, c_
+            if best == UNREACHED:
+                mind[i, 1] = 0.5 + chance  # closed in, for all this goal says: think of another one
+                goal[i] = choose_goal(rng, goals, (y - y0) / cell_m, (x - x0) / cell_m)
+                continue
+            dir_x = x0 + (best_col + 0.5) * cell_m - x
+            dir_y = y0 + (best_row + 0.5) * cell_m - y
+        length = math.hypot(dir_x, dir_y)
+        if length < 1e-9:
+            continue
+        look_x = (1.0 - SMOOTH) * math.cos(mind[i, 0]) + SMOOTH * dir_x / length
+        look_y = (1.0 - SMOOTH) * math.sin(mind[i, 0]) + SMOOTH * dir_y / length
+        mind[i, 0] = math.atan2(look_y, look_x)
+        mind[i, 5] *= SWAY_KEPT
+        moved = False
+        for attempt in range(13):
+            # Straight on first, then ever more to the right and to the left, in turn.
+            bend = 0.25 * ((attempt + 1) // 2) * (1.0 if attempt % 2 == 0 else -1.0)
+            bend *= 1.0 + 0.3 * ((attempt + 1) // 2) / 3.0
+            way = mind[i, 0] + mind[i, 5] * (1.0 if attempt < 12 else 0.0) + bend
+            next_x = x + traits[i, 0] * dt * math.cos(way)
+            next_y = y + traits[i, 0] * dt * math.sin(way)
+            if can_stand(i, next_x, next_y, walls, corners, robot.pose, robot_radius, where, n_walkers, radius):
+                where[i, 0], where[i, 1] = next_x, next_y
+                moved = True
+                break
+        mind[i, 6] = 0.0 if moved else mind[i, 6] + dt
+        if mind[i, 6] > STUCK_S:
+            mind[i, 6] = 0.0
+            mind[i, 0] = rng.uniform(-math.pi, math.pi)
+            goal[i] = choose_goal(rng, goals, (y - y0) / cell_m, (x - x0) / cell_m)
+
+
+@kernel
 def advance(
     t: float,
     dt: float,
     n_steps: int,
     rng: np.random.Generator,
     walls: NDArray[np.float64],
-    rectangles: NDArray[np.float64],
-    carried: NDArray[np.uint8],
-    move_s: NDArray[np.float64],
-    swing_m: NDArray[np.float64],
-    places: NDArray[np.float64],
-    event_t: NDArray[np.float64],
-    event_place: NDArray[np.int32],
-    event_stop: NDArray[np.int32],
-    event_next: NDArray[np.int32],
-    travel: NDArray[np.int32],
-    fraction: NDArray[np.float64],
-    held_s: NDArray[np.float64],
-    corners: NDArray[np.float64],
-    route: NDArray[np.float64],
-    drive: NDArray[np.float64],
-    target: NDArray[np.int32],
-    robot: NDArray[np.float64],
-    people: NDArray[np.float64],
-    mind: NDArray[np.float64],
-    traits: NDArray[np.float64],
-    goal: NDArray[np.int32],
-    radius: float,
-    pause_mean_s: float,
-    goals: NDArray[np.int32],
-    fields: NDArray[np.int32],
-    field_epoch: NDArray[np.int32],
-    epoch: NDArray[np.int32],
-    wall_mask: NDArray[np.uint8],
-    blocked: NDArray[np.uint8],
-    queue: NDArray[np.int32],
-    queued: NDArray[np.uint8],
-    x0: float,
-    y0: float,
-    cell_m: float,
+    things: Things,
+    robot: Robot,
+    people: People,
+    tracks: Tracks,
+    floor: Floor,
 ) -> None:
-    """Move everything on by `n_steps` of `dt` from time `t`.
-
-    walls        (n_segments, 4)     faces of walls
-    rectangles   (n_things, 4, 2)    in their own frames
-    carried, move_s  (n_things,)     whether it is a box; time of a move
-    swing_m      (n_things,)         room before it that a swinging leaf needs
-    places       (n_places, 3)       poses of all things' places
-    event_*      (n_events,)         moves of all things: from when, to which place; a thing's own end before
-                                     event_stop; event_next is its next one                           [updated]
-    travel       (n_things, 3)       place left, place headed for, place wanted                       [updated]
-    fraction, held_s  (n_things,)    of the way done, 1 at rest; time it has been held up             [updated]
-    corners      (n_things, 4, 2)    where it is                                                      [updated]
-    route, drive (n, 2), (4,)        waypoints; speed, turn rate, radius, stopping distance
-    target, robot  (1,), (3,)        waypoint headed for; pose                                        [updated]
-    people       (n_people, 2)                                                                        [updated]
-    mind         (n_people, 7)       heading, pause s, aside s, aside x, aside y, sway, stuck s       [updated]
-    traits       (n_people, 2)       speed, changes of direction per second
-    goal         (n_people,)         which of the goals (row, col)                                    [updated]
-    fields       (n_goals, n_rows, n_cols)  way to each goal, valid if field_epoch equals epoch       [updated]
-    """
-    n_things, n_people = rectangles.shape[0], people.shape[0]
-    n_rows, n_cols = wall_mask.shape
-    trial = np.empty((4, 2))
-    rest = np.empty((n_things, 4, 2))
-    speed, turn_rate, robot_radius, stop_m = drive[0], drive[1], drive[2], drive[3]
+    """Move everything on by `n_steps` of `dt` from time `t`."""
     for step in range(n_steps):
         now = t + (step + 1) * dt
+        replay(now, dt, tracks, people)
+        move_things(now, dt, things, robot, people, floor.epoch)
+        drive_robot(dt, robot, things, people)
+        walk(dt, rng, walls, things, robot, people, tracks, floor)
 
-        for k in range(n_things):
-            while event_next[k] < event_stop[k] and event_t[event_next[k]] <= now + 1e-9:
-                travel[k, 2] = event_place[event_next[k]]
-                event_next[k] += 1
-            in_way = -1
-            if fraction[k] >= 1.0:
-                if travel[k, 1] == travel[k, 2]:
-                    continue
-                first = N_SWEEP if carried[k] else 1
-                for part in range(first, N_SWEEP + 1):
-                    place_thing(rectangles[k], places[travel[k, 1]], places[travel[k, 2]], part / N_SWEEP, trial)
-                    in_way = who_is_in(trial, robot, robot_radius + stop_m + GAP_M, people, radius + 2 * GAP_M)
-                    if in_way != -1:
-                        break
-                if in_way == -1:
-                    travel[k, 0] = travel[k, 1]
-                    travel[k, 1] = travel[k, 2]
-                    fraction[k] = 0.0
-                    held_s[k] = 0.0
-                    epoch[0] += 1
-            if fraction[k] < 1.0:
-                further = fraction[k] + dt / move_s[k]
-                if further > 1.0 - 1e-9:
-                    further = 1.0
-                place_thing(rectangles[k], places[travel[k, 0]], places[travel[k, 1]], further, trial)
-                if carried[k] and further < 1.0:
-                    fraction[k] = further
-                    corners[k] = FAR_M
-                    corners[k, 1, 0] += 1.0  # no side without length
-                    corners[k, 2] += 1.0
-                    corners[k, 3, 1] += 1.0
-                    continue
-                in_way = who_is_in(trial, robot, robot_radius + GAP_M, people, radius + GAP_M)
-                for other in range(n_things):
-                    if in_way != -1 or other == k or not (carried[k] or carried[other]):
-                        continue
-                    if quads_meet(trial, corners[other]):
-                        in_way = -3
-                if in_way == -1:
-                    corners[k] = trial
-                    fraction[k] = further
-                    held_s[k] = 0.0
-                    if further == 1.0:
-                        epoch[0] += 1
-                else:
-                    held_s[k] += dt
-                    if held_s[k] > BLOCKED_S and not carried[k]:
-                        left = travel[k, 0]
-                        travel[k, 0] = travel[k, 1]
-                        travel[k, 1] = left
-                        fraction[k] = 1.0 - fraction[k]
-                        held_s[k] = 0.0
-            if in_way >= 0 and mind[in_way, 2] <= 0.0:
-                away_x = people[in_way, 0] - (trial[0, 0] + trial[2, 0]) / 2
-                away_y = people[in_way, 1] - (trial[0, 1] + trial[2, 1]) / 2
-                mind[in_way, 1] = 0.0
-                mind[in_way, 2] = ASIDE_S
-                mind[in_way, 3] = away_x
-                mind[in_way, 4] = away_y
 
-        if route.shape[0] > 1:
-            way_x, way_y = route[target[0], 0] - robot[0], route[target[0], 1] - robot[1]
-            way = math.hypot(way_x, way_y)
-            if way < 1e-9:
-                target[0] = (target[0] + 1) % route.shape[0]
-                way_x, way_y = route[target[0], 0] - robot[0], route[target[0], 1] - robot[1]
-                way = math.hypot(way_x, way_y)
-            wanted = math.atan2(way_y, way_x)
-            turn = (wanted - robot[2] + math.pi) % (2 * math.pi) - math.pi
-            if abs(turn) > STRAIGHT_RAD and way > 1e-9:
-                turn = min(max(turn, -turn_rate * dt), turn_rate * dt)
-                robot[2] = (robot[2] + turn + math.pi) % (2 * math.pi) - math.pi
-            elif way > 1e-9:
-                c, s = way_x / way, way_y / way
-                ahead = min(speed * dt, way)
-                last = ahead >= way
-                next_x = route[target[0], 0] if last else robot[0] + c * ahead
-                next_y = route[target[0], 1] if last else robot[1] + s * ahead
-                look = min(stop_m, way - ahead)
-                waits = False
-                for i in range(n_people):
-                    u = (people[i, 0] - next_x) * c + (people[i, 1] - next_y) * s
-                    u = min(max(u, 0.0), look)
-                    dx, dy = people[i, 0] - next_x - u * c, people[i, 1] - next_y - u * s
-                    reach = robot_radius + radius + GAP_M
-                    if dx * dx + dy * dy < reach * reach:
-                        waits = True
-                        if mind[i, 2] <= 0.0:
-                            side = 1.0 if c * dy - s * dx >= 0.0 else -1.0
-                            mind[i, 1] = 0.0
-                            mind[i, 2] = ASIDE_S
-                            mind[i, 3] = -s * side
-                            mind[i, 4] = c * side
-                for k in range(n_things):
-                    look = min(stop_m + swing_m[k], way - ahead)
-                    n_parts = int(look / robot_radius) + 1  # discs less than a radius apart leave no gap
-                    for part in range(n_parts + 1):
-                        px, py = next_x + c * look * part / n_parts, next_y + s * look * part / n_parts
-                        if disc_meets_quad(corners[k], px, py, robot_radius + GAP_M):
-                            waits = True
-                if not waits:
-                    robot[0], robot[1] = next_x, next_y
-
-        if n_people and (epoch[1] != epoch[0]):
-            for k in range(n_things):
-                place_thing(rectangles[k], places[travel[k, 1]], places[travel[k, 1]], 1.0, rest[k])
-            block_things(wall_mask, rest, x0, y0, cell_m, radius + GAP_M, blocked)
-            epoch[1] = epoch[0]
-
-        for i in range(n_people):
-            x, y = people[i, 0], people[i, 1]
-            chance = rng.random()
-            if mind[i, 2] > 0.0:
-                mind[i, 2] -= dt
-                dir_x, dir_y = mind[i, 3], mind[i, 4]
-            elif mind[i, 1] > 0.0:
-                mind[i, 1] -= dt
-                continue
-            else:
-                if chance < traits[i, 1] * dt:
-                    mind[i, 5] = rng.uniform(-2.0, 2.0)
-                    if rng.random() < 0.5:
-                        goal[i] = choose_goal(rng, goals, (y - y0) / cell_m, (x - x0) / cell_m)
-                g = goal[i]
-                if field_epoch[g] != epoch[0]:
-                    fill_field(blocked, goals[g, 0], goals[g, 1], fields[g], queue, queued)
-                    field_epoch[g] = epoch[0]
-                row, col = int((y - y0) / cell_m), int((x - x0) / cell_m)
-                here = fields[g, row, col]
-                if here <= NEAR_GOAL:
-                    goal[i] = choose_goal(rng, goals, (y - y0) / cell_m, (x - x0) / cell_m)
-                    if rng.random() < 0.5:
-                        mind[i, 1] = rng.exponential(pause_mean_s)
-                    continue
-                best, best_row, best_col = UNREACHED, row, col
-                ring = 1 if here < UNREACHED else 2
-                for r in range(max(row - ring, 0), min(row + ring + 1, n_rows)):
-                    for c_ in range(max(col - ring, 0), min(col + ring + 1, n_cols)):
-                        if fields[g, r, c_] < best:
-                            best, best_row, best_col = fields[g, r, c_], r, c_
-                if best == UNREACHED:
-                    mind[i, 1] = 0.5 + chance  # closed in, for all this goal says: think of another one
-                    goal[i] = choose_goal(rng, goals, (y - y0) / cell_m, (x - x0) / cell_m)
-                    continue
-                dir_x = x0 + (best_col + 0.5) * cell_m - x
-                dir_y = y0 + (best_row + 0.5) * cell_m - y
-            length = math.hypot(dir_x, dir_y)
-            if length < 1e-9:
-                continue
-            look_x = (1.0 - SMOOTH) * math.cos(mind[i, 0]) + SMOOTH * dir_x / length
-            look_y = (1.0 - SMOOTH) * math.sin(mind[i, 0]) + SMOOTH * dir_y / length
-            mind[i, 0] = math.atan2(look_y, look_x)
-            mind[i, 5] *= SWAY_KEPT
-            moved = False
-            for attempt in range(13):
-                # Straight on first, then ever more to the right and to the left, in turn.
-                bend = 0.25 * ((attempt + 1) // 2) * (1.0 if attempt % 2 == 0 else -1.0)
-                bend *= 1.0 + 0.3 * ((attempt + 1) // 2) / 3.0
-                way = mind[i, 0] + mind[i, 5] * (1.0 if attempt < 12 else 0.0) + bend
-                next_x = x + traits[i, 0] * dt * math.cos(way)
-                next_y = y + traits[i, 0] * dt * math.sin(way)
-                if can_stand(i, next_x, next_y, walls, corners, robot, robot_radius, people, radius):
-                    people[i, 0], people[i, 1] = next_x, next_y
-                    moved = True
-                    break
-            mind[i, 6] = 0.0 if moved else mind[i, 6] + dt
-            if mind[i, 6] > STUCK_S:
-                mind[i, 6] = 0.0
-                mind[i, 0] = rng.uniform(-math.pi, math.pi)
-                goal[i] = choose_goal(rng, goals, (y - y0) / cell_m, (x - x0) / cell_m)
+@kernel
+def advance_without_walkers(
+    t: float,
+    dt: float,
+    n_steps: int,
+    things: Things,
+    robot: Robot,
+    people: People,
+    tracks: Tracks,
+    epoch: NDArray[np.int32],
+) -> None:
+    """The same where nobody walks by themselves: most of the code above need not be compiled."""
+    for step in range(n_steps):
+        now = t + (step + 1) * dt
+        replay(now, dt, tracks, people)
+        move_things(now, dt, things, robot, people, epoch)
+        drive_robot(dt, robot, things, people)

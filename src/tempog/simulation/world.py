@@ -1,20 +1,24 @@
-"""What a simulated world consists of. Metres and radians in the map frame, seconds since its start."""
+"""A world in which everybody minds everybody: doors wait for people, people walk around each other.
+
+Metres and radians in the map frame, seconds since the start.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from tempog.errors import ConfigError
+from tempog.errors import ConfigError, WorldError
+from tempog.simulation.polygons import Point, Pose, check_wall, disc_gap, leg_gap, middle_text, placed
+from tempog.simulation.schedules import Never, Schedule
+from tempog.simulation.tracks import Track
 
-Point = tuple[float, float]
-RestState = Literal["closed", "open"]
-DoorState = Literal["closed", "open", "moving"]
+Kind = Literal["hinged", "sliding", "box"]
 
 
 @dataclass(frozen=True)
@@ -40,212 +44,162 @@ class Wall:
 
 
 @dataclass(frozen=True)
-class Door:
-    """A hinged leaf that swings between two angles at the given times, at a constant rate.
+class Thing:
+    """A rectangle with a name that stands at one of several places: a door's leaf, or a box.
 
     Attributes
     ----------
-    hinge : (x, y) metres
-        The pin, at the end of the leaf and on the face that leads when the door opens. The thickness lies
-        behind that face, so an open leaf can stand flush with its jamb.
-    closed_rad, open_rad : float, radians
-        Direction from the hinge along that face.
+    name : str
+    kind : "hinged", "sliding" or "box"
+        Leaves swing or slide from place to place; a box is carried, and gone while it is on the way.
     length_m, thickness_m : float, metres
-    schedule : tuple of (t, state)
-        When the leaf starts to move (seconds), and to which state, "open" or "closed". Between two of
-        these lies at least one swing.
-    swing_s : float, seconds
-        Time from one state to the other.
-    initial : "closed" or "open"
-
-    Examples
-    --------
-    >>> door = Door((0.0, 0.0), closed_rad=0.0, open_rad=np.pi / 2, schedule=((5.0, "open"),))
-    >>> door.states(duration_s=10.0)
-    [(0.0, 'closed'), (5.0, 'moving'), (6.0, 'open')]
-    >>> np.rad2deg(door.angles(5.5)).round().item()
-    45.0
+        A hinged leaf turns about one of its corners: the pin lies on the face that leads when it opens, and
+        the thickness behind it, so that an open leaf can
+        stand flush with its jamb. A sliding leaf starts at its pose and is centred across
+        itself; a box has its pose at its middle.
+    places : dict of name -> (x, y, theta), metres, metres, radians
+        For a hinged leaf, x and y are the hinge. The first place is where it counts as closed.
+    schedule : Schedule
+    initial : str, optional
+        Default: the first place.
+    move_s : float, seconds
+        From any place to any other.
     """
 
-    hinge: Point
-    closed_rad: float
-    open_rad: float
-    length_m: float = 0.9
-    thickness_m: float = 0.05
-    schedule: tuple[tuple[float, RestState], ...] = ()
-    swing_s: float = 1.0
-    initial: RestState = "closed"
+    name: str
+    kind: Kind
+    length_m: float
+    thickness_m: float
+    places: dict[str, Pose] = field(hash=False)
+    schedule: Schedule = field(default_factory=Never)
+    initial: str = ""
+    move_s: float = 1.0
 
     def __post_init__(self) -> None:
-        if not (self.length_m > 0 and self.thickness_m > 0 and self.swing_s > 0):
-            raise ConfigError(
-                f"a door of length_m = {self.length_m!r}, thickness_m = {self.thickness_m!r} and"
-                f" swing_s = {self.swing_s!r}; wanted all three above 0"
+        if not (0 < self.length_m < math.inf and 0 < self.thickness_m < math.inf and 0 < self.move_s < math.inf):
+            raise WorldError(
+                f"{self.label}: length_m = {self.length_m!r}, thickness_m = {self.thickness_m!r}, move_s ="
+                f" {self.move_s!r}; wanted all three above 0"
             )
-        if self.closed_rad == self.open_rad:
-            raise ConfigError(f"a door stands at {self.open_rad!r} rad both open and closed; wanted two angles")
-        if self.schedule and self.schedule[0][0] < 0:
-            raise ConfigError(f"a door first moves at {self.schedule[0][0]} s; wanted 0 s or later")
-        for (t, _), (t_next, _) in pairwise(self.schedule):
-            if t_next < t + self.swing_s:
-                raise ConfigError(
-                    f"a door moves at {t} s and again at {t_next} s, but a swing takes {self.swing_s} s;"
-                    " wanted a schedule in time order, one swing or more apart"
-                )
-        for (_, state), (t, target) in pairwise([(0.0, self.initial), *self.schedule]):
-            if target not in ("open", "closed"):
-                raise ConfigError(f'a door is to be {target!r} from {t} s; wanted "open" or "closed"')
-            if target == state:
-                raise ConfigError(f"a door that is {state} is to be {state} from {t} s; wanted them in turn")
+        if not self.places:
+            raise WorldError(f"{self.label}.places is empty; wanted one place or more")
+        if "moving" in self.places:
+            raise WorldError(f'{self.label}.places: "moving" is what it does between places; wanted another name')
+        if not self.initial:
+            object.__setattr__(self, "initial", next(iter(self.places)))
+        for key, name in [("initial", self.initial), *(("schedule", name) for name in self.schedule.named())]:
+            if name not in self.places:
+                raise WorldError(f"{self.label}.{key} names {name!r}; wanted one of {', '.join(self.places)}")
 
-    def rest_angle(self, state: RestState) -> float:
-        """Angle of the leaf when it stands still; radians."""
-        if state not in ("open", "closed"):
-            raise ConfigError(f'a door stands still "open" or "closed", not {state!r}')
-        return self.open_rad if state == "open" else self.closed_rad
+    @property
+    def label(self) -> str:
+        """How messages call it: the key of its table in a file."""
+        return f"{'box' if self.kind == 'box' else 'door'}.{self.name}"
 
-    def angles(self, t: ArrayLike) -> NDArray[np.float64]:
-        """Angle of the leaf at the times `t` (any shape, seconds); radians, same shape."""
-        times = [0.0]
-        angles = [self.rest_angle(self.initial)]
-        for start, state in self.schedule:
-            times += [start, start + self.swing_s]
-            angles += [angles[-1], self.rest_angle(state)]
-        return np.asarray(np.interp(np.asarray(t, dtype=np.float64), times, angles))
+    @property
+    def rectangle(self) -> NDArray[np.float64]:
+        """Its corners in its own frame, (4, 2) metres."""
+        length, thick = self.length_m, self.thickness_m
+        if self.kind == "box":
+            x0, x1, y0, y1 = -length / 2, length / 2, -thick / 2, thick / 2
+        elif self.kind == "sliding":
+            x0, x1, y0, y1 = 0.0, length, -thick / 2, thick / 2
+        else:
+            angles = [theta for _, _, theta in self.places.values()]
+            opens_left = len(angles) > 1 and angles[1] > angles[0]
+            x0, x1, y0, y1 = 0.0, length, 0.0, -thick if opens_left else thick
+        return np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
 
-    def states(self, duration_s: float) -> list[tuple[float, DoorState]]:
-        """The door's state from 0 to `duration_s`, as (t, state from then on); seconds."""
-        changes: list[tuple[float, DoorState]] = [(0.0, self.initial)]
-        for start, state in self.schedule:
-            changes += [(start, "moving"), (start + self.swing_s, state)]
-        return [
-            (t, state)
-            for (t, state), (t_next, _) in pairwise([*changes, (math.inf, self.initial)])
-            if t < duration_s and t_next > t  # a state that ends as it begins never was
-        ]
-
-    def leaf_corners(self, angle: float) -> NDArray[np.float64]:
-        """Corners of the leaf at `angle` (radians); (4, 2) metres, the hinge first."""
-        ahead = np.array([math.cos(angle), math.sin(angle)])
-        left = np.array([-ahead[1], ahead[0]])
-        behind = -left if self.open_rad > self.closed_rad else left
-        hinge = np.array(self.hinge)
-        tip = hinge + self.length_m * ahead
-        back = self.thickness_m * behind
-        return np.array([hinge, tip, tip + back, hinge + back])
+    def corners(self, place: str) -> NDArray[np.float64]:
+        """Its corners at a place, (4, 2) metres."""
+        if place not in self.places:
+            raise WorldError(f"{self.label} has no place {place!r}; wanted one of {', '.join(self.places)}")
+        return placed(self.rectangle, self.places[place])
 
 
 @dataclass(frozen=True)
-class Person:
-    """A disc that walks a path there and back without end.
+class Crowd:
+    """People who walk between goals, each with a speed and a mind of their own.
 
     Attributes
     ----------
-    path : tuple of (x, y), metres
-    speed_m_s : float, metres per second
+    number : int
+    speed_m_s : (low, high), metres per second
+        Each person's is drawn evenly in between.
+    turn_rate_hz : (low, high), per second
+        How often a person changes direction.
+    pause_s : float, seconds
+        Mean length of a pause; people make one at half of their goals.
     radius_m : float, metres
-    start_s : float, seconds
-        Stands at the start of the path until then. May be negative: already on the way.
-
-    Examples
-    --------
-    >>> walker = Person(path=((0.0, 0.0), (10.0, 0.0)), speed_m_s=1.0)
-    >>> walker.positions([4.0, 13.0]).tolist()
-    [[4.0, 0.0], [7.0, 0.0]]
+    tracks : tuple of Track
+        People beside them who are replayed, and mind nobody.
     """
 
-    path: tuple[Point, ...]
-    speed_m_s: float = 1.0
+    number: int = 0
+    speed_m_s: tuple[float, float] = (0.05, 1.5)
+    turn_rate_hz: tuple[float, float] = (0.02, 0.3)
+    pause_s: float = 8.0
     radius_m: float = 0.25
-    start_s: float = 0.0
+    tracks: tuple[Track, ...] = ()
 
     def __post_init__(self) -> None:
-        if not (self.path and self.speed_m_s > 0 and self.radius_m > 0):
-            raise ConfigError(
-                f"a person of radius_m = {self.radius_m!r} walks {len(self.path)} points at speed_m_s ="
-                f" {self.speed_m_s!r}; wanted one point or more, and the others above 0"
+        if not 0 <= self.number <= 1000:
+            raise WorldError(f"people.number = {self.number!r}; wanted 0 to 1000")
+        for key, (low, high) in (("speed_m_s", self.speed_m_s), ("turn_rate_hz", self.turn_rate_hz)):
+            if not 0 <= low <= high <= 3:
+                raise WorldError(f"people.{key} = {[low, high]}; wanted a low and a high value from 0 to 3")
+        if not (0 <= self.pause_s < math.inf and 0.05 <= self.radius_m <= 1):
+            raise WorldError(
+                f"people.pause_s = {self.pause_s!r}, radius_m = {self.radius_m!r}; wanted seconds of 0 or more,"
+                " and a radius from 0.05 to 1 m"
             )
-
-    def positions(self, t: ArrayLike) -> NDArray[np.float64]:
-        """Where the person is at the times `t` (any shape, seconds); (..., 2) metres."""
-        points = np.asarray(self.path, dtype=np.float64)
-        walked = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-        length = walked[-1]
-        distance = self.speed_m_s * np.maximum(np.asarray(t, dtype=np.float64) - self.start_s, 0.0)
-        if length > 0:
-            distance = length - abs(length - distance % (2 * length))
-        return np.stack(
-            [np.interp(distance, walked, points[:, 0]), np.interp(distance, walked, points[:, 1])], axis=-1
-        )
 
 
 @dataclass(frozen=True)
-class Robot:
-    """Drives a path there and back without end, looking ahead, and turns on the spot at its corners.
+class Route:
+    """A differential drive that turns towards each waypoint and drives there, over and over.
+
+    It stops while somebody or a leaf is within `stop_m` ahead of it.
 
     Attributes
     ----------
-    path : tuple of (x, y), metres
-        Of the laser, which sits on the robot's axis. With a single point the robot stands still.
-    speed_m_s : float, metres per second
-    turn_rad_s : float, radians per second
-    radius_m : float, metres
-        Room the robot takes up. Nothing in the simulation stops it: the path must keep clear.
+    waypoints : tuple of (x, y), metres
+        Of the laser, which sits on the robot's axis. A single one: it stands still.
+    back_and_forth : bool
+        From the last waypoint back over the others; else straight back to the first.
+    speed_m_s, turn_rad_s : float
+        The most it does.
+    radius_m, stop_m : float, metres
     heading_rad : float, radians
-        Where a robot that stands still looks; otherwise unused.
+        Where it looks if it stands still.
     """
 
-    path: tuple[Point, ...]
+    waypoints: tuple[Point, ...]
+    back_and_forth: bool = True
     speed_m_s: float = 0.5
     turn_rad_s: float = math.pi / 2
     radius_m: float = 0.3
+    stop_m: float = 0.2
     heading_rad: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (self.path and self.speed_m_s > 0 and self.turn_rad_s > 0 and self.radius_m > 0):
-            raise ConfigError(
-                f"a robot of radius_m = {self.radius_m!r} drives {len(self.path)} points at speed_m_s ="
-                f" {self.speed_m_s!r} and turn_rad_s = {self.turn_rad_s!r}; wanted one point or more, and"
-                " the others above 0"
-            )
-        for point, following in pairwise(self.path):
+        if not self.waypoints:
+            raise WorldError("robot.waypoints is empty; wanted one point or more")
+        for key in ("speed_m_s", "turn_rad_s", "radius_m"):
+            if not 0 < getattr(self, key) < math.inf:
+                raise WorldError(f"robot.{key} = {getattr(self, key)!r}; wanted a number above 0")
+        if not 0 <= self.stop_m < math.inf:
+            raise WorldError(f"robot.stop_m = {self.stop_m!r}; wanted metres of 0 or more")
+        for k, (point, following) in enumerate(pairwise(self.waypoints)):
             if point == following:
-                raise ConfigError(f"the robot's path stays at {point}; wanted every point to differ from the next")
+                raise WorldError(f"robot.waypoints: numbers {k} and {k + 1} are both {point}; wanted them to differ")
 
-    def poses(self, t: ArrayLike) -> NDArray[np.float64]:
-        """Poses of the laser in the map frame at the times `t` (any shape, seconds).
-
-        Returns
-        -------
-        (..., 3) float64
-            x, y, theta; metres, metres, radians in -π..π.
-        """
-        t = np.asarray(t, dtype=np.float64)
-        if len(self.path) == 1:
-            return np.broadcast_to([*self.path[0], self.heading_rad], (*t.shape, 3)).copy()
-        times, poses = self._one_round()
-        in_round = t % times[-1]
-        x, y, theta = (np.interp(in_round, times, column) for column in poses.T)
-        return np.stack([x, y, np.arctan2(np.sin(theta), np.cos(theta))], axis=-1)
-
-    def _one_round(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Times (n,) and poses (n, 3) between which a round is linear; theta is not wrapped."""
-        way = [*self.path, *self.path[-2::-1]]
-        legs = [(x1, y1, x1 - x0, y1 - y0) for (x0, y0), (x1, y1) in pairwise(way)]
-        headings = [math.atan2(dy, dx) for _, _, dx, dy in legs]
-        t, theta = 0.0, headings[0]
-        times = [t]
-        poses = [(*way[0], theta)]
-        for (x, y, dx, dy), next_heading in zip(legs, headings[1:] + headings[:1], strict=True):
-            t += math.hypot(dx, dy) / self.speed_m_s
-            times.append(t)
-            poses.append((x, y, theta))
-            turn = (next_heading - theta + math.pi) % (2 * math.pi) - math.pi
-            t += abs(turn) / self.turn_rad_s
-            theta += turn
-            times.append(t)
-            poses.append((x, y, theta))
-        return np.array(times), np.array(poses)
+    @property
+    def round_trip(self) -> tuple[Point, ...]:
+        """The waypoints of one round; after the last comes the first again."""
+        if len(self.waypoints) < 3 or not self.back_and_forth:
+            return self.waypoints
+        return (*self.waypoints, *self.waypoints[-2:0:-1])
 
 
 @dataclass(frozen=True)
@@ -294,12 +248,88 @@ class Laser:
 
 
 @dataclass(frozen=True)
-class World:
-    """Everything that a simulation needs to know; `duration_s` is how long it runs unless told otherwise."""
+class PoseError:
+    """How far the poses that scans carry are from the true ones.
 
-    robot: Robot
+    Attributes
+    ----------
+    white_m, white_rad : float
+        Standard deviation of an error drawn anew for each scan.
+    drift_m, drift_rad : float
+        Standard deviation of an error that wanders slowly about zero.
+    drift_s : float, seconds
+        Time in which the drift forgets itself (to 1/e).
+    """
+
+    white_m: float = 0.0
+    white_rad: float = 0.0
+    drift_m: float = 0.0
+    drift_rad: float = 0.0
+    drift_s: float = 60.0
+
+    def __post_init__(self) -> None:
+        for key in ("white_m", "white_rad", "drift_m", "drift_rad"):
+            if not 0 <= getattr(self, key) < math.inf:
+                raise WorldError(f"pose_error.{key} = {getattr(self, key)!r}; wanted 0 or more")
+        if not 0 < self.drift_s < math.inf:
+            raise WorldError(f"pose_error.drift_s = {self.drift_s!r}; wanted seconds above 0")
+
+
+@dataclass(frozen=True)
+class World:
+    """Everything `simulate` needs; built in Python, or read by `load_world`.
+
+    Raises
+    ------
+    WorldError
+        A wall without area, two things of one name, a route that leads through a wall, or a place of a
+        thing at a waypoint.
+    """
+
+    robot: Route
     walls: tuple[Wall, ...] = ()
-    doors: tuple[Door, ...] = ()
-    people: tuple[Person, ...] = ()
-    laser: Laser = Laser()
+    things: tuple[Thing, ...] = ()
+    people: Crowd = Crowd()
+    laser: Laser = field(default_factory=Laser)
+    pose_error: PoseError = PoseError()
     duration_s: float = 60.0
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        if not 0 < self.duration_s < math.inf:
+            raise WorldError(f"duration_s = {self.duration_s!r}; wanted seconds above 0")
+        for k, wall in enumerate(self.walls):
+            check_wall(wall.corners, f"wall {k}")
+        names = [thing.label for thing in self.things]
+        for thing in self.things:
+            if names.count(thing.label) > 1:
+                raise WorldError(f"{thing.label} is there twice; wanted every name once")
+        self._check_waypoints()
+
+    def _check_waypoints(self) -> None:
+        robot = self.robot
+        stops = robot.round_trip
+        legs = list(zip(stops, (*stops[1:], stops[0]), strict=True))
+        for wall in self.walls:
+            corners = np.array(wall.corners)
+            for k, point in enumerate(robot.waypoints):
+                if (gap := disc_gap(point, corners)) < robot.radius_m:
+                    raise WorldError(
+                        f"robot.waypoints: number {k}, {point}, is {gap:.2f} m from the wall around"
+                        f" {middle_text(corners)}; wanted {robot.radius_m:g} m, the robot's radius, or more"
+                    )
+            for start, end in legs:
+                if (gap := leg_gap(start, end, corners)) < robot.radius_m:
+                    raise WorldError(
+                        f"robot.waypoints: the way from {start} to {end} is {gap:.2f} m from the wall around"
+                        f" {middle_text(corners)}; wanted {robot.radius_m:g} m, the robot's radius, or more"
+                    )
+        for thing in self.things:
+            used = [thing.initial, *thing.schedule.named()]
+            for place in thing.places:
+                for k, point in enumerate(robot.waypoints):
+                    if place in used and disc_gap(point, thing.corners(place)) < robot.radius_m:
+                        raise WorldError(
+                            f"{thing.label}.schedule puts it at {place!r}, {middle_text(thing.corners(place))}, onto"
+                            f" the robot at waypoint {k}, {point}; wanted {robot.radius_m:g} m or more apart"
+                        )

@@ -1,4 +1,4 @@
-"""Worlds as TOML files. `worlds/hallway.toml` shows every table; docstrings of `site` say what keys mean.
+"""Worlds as TOML files. `worlds/hallway.toml` shows every table; docstrings of `world` say what keys mean.
 
 Lengths are metres, angles degrees, times seconds::
 
@@ -34,26 +34,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tempog.errors import ConfigError, WorldError
+from tempog.simulation.polygons import Point, Pose, check_wall, placed
 from tempog.simulation.schedules import DAY_S, DAYS, Dwell, Listed, Move, Never, Schedule, Weekly, read_series
-from tempog.simulation.site import (
-    SHORTEST_STUB_M,
-    Crowd,
-    Pose,
-    PoseError,
-    Route,
-    Site,
-    Thing,
-    check_wall,
-    placed,
-)
-from tempog.simulation.world import Laser, Point, Wall
+from tempog.simulation.world import Crowd, Laser, PoseError, Route, Thing, Wall, World
 
 PACKAGED = Path(__file__).with_name("worlds")
 CLOCK = re.compile(r"(?:(mon|tue|wed|thu|fri|sat|sun) )?(\d\d):(\d\d)(?::(\d\d))?")
 STRAIGHT = 1e-6  # rad; a cut must lie along its wall
+SHORTEST_STUB_M = 0.01  # of a wall between two openings; less is rounding, not masonry
 
 
-def load_world(path: str | Path) -> Site:
+def load_world(path: str | Path) -> World:
     """Read a world from a TOML file.
 
     Parameters
@@ -63,7 +54,7 @@ def load_world(path: str | Path) -> Site:
 
     Returns
     -------
-    Site
+    World
 
     Raises
     ------
@@ -86,7 +77,7 @@ def load_world(path: str | Path) -> Site:
         hint = f"\n  Packaged worlds: {names}." if isinstance(error, OSError) else ""
         raise WorldError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}{hint}") from error
     try:
-        return _site(_Table(tables, ""), path.parent)
+        return _world(_Table(tables, ""), path.parent)
     except (WorldError, ConfigError) as error:
         raise WorldError(f"{path}: {error}") from error
 
@@ -164,7 +155,7 @@ class _Table:
             raise WorldError(f"{self.full(key)} is no known key; wanted {', '.join(sorted(set(self.known)))}")
 
 
-def _site(world: _Table, folder: Path) -> Site:
+def _world(world: _Table, folder: Path) -> World:
     name, duration_s = world.text("name", "-"), world.number("duration_s", 60.0)
     walls = [piece for table in world.tables("wall") for piece in _wall(table)]
     cuts = [_opening(table) for table in world.tables("opening")]
@@ -185,7 +176,7 @@ def _site(world: _Table, folder: Path) -> Site:
     world.done()
     for start, end, key in cuts:
         walls = _cut(walls, start, end, key)
-    return Site(
+    return World(
         robot=robot,
         walls=tuple(wall for wall, _ in walls),
         things=tuple(things),

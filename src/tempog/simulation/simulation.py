@@ -1,0 +1,98 @@
+"""What a simulation gives: scans, and the truth behind every beam."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tempog.errors import WorldError
+from tempog.scans.scan import Scan
+from tempog.simulation.polygons import covered_cells, outline
+from tempog.simulation.world import World
+
+START_S = 1_750_000_000  # s, Unix: every simulation starts on 15 June 2025, 15:06:40 UTC
+MOVING = -1  # instead of a place
+
+
+class Hit(IntEnum):
+    """What a beam has hit."""
+
+    NOTHING = 0
+    WALL = 1
+    DOOR = 2
+    PERSON = 3
+    BOX = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """Scans of a simulated drive, and the truth about them.
+
+    Attributes
+    ----------
+    world : World
+    duration_s : float, seconds
+    scans : list of Scan
+        With noise and drop-outs, and with the world's pose error.
+    t : (n_scans,) float64, seconds
+        Since the start of the simulation; the scans' own clock starts at `START_S`.
+    poses : (n_scans, 3) float64
+        True pose of the laser: x, y, theta; metres, metres, radians.
+    distances : (n_scans, n_beams) float64, metres
+        Without noise and drop-outs; +inf where there is nothing within the laser's range.
+    hits : (n_scans, n_beams) uint8
+        What each beam has hit (`Hit`), also where the return was lost.
+    hit_things : (n_scans, n_beams) int16
+        Which of `world.things` it has hit, or -1.
+    places : (n_scans, n_things) int16
+        At which of its places each thing stands, or `MOVING`.
+    corners : (n_scans, n_things, 4, 2) float64, metres
+        NaN while a box is carried.
+    people : (n_scans, n_people, 2) float64, metres
+    """
+
+    world: World
+    duration_s: float
+    scans: list[Scan]
+    t: NDArray[np.float64]
+    poses: NDArray[np.float64]
+    distances: NDArray[np.float64]
+    hits: NDArray[np.uint8]
+    hit_things: NDArray[np.int16]
+    places: NDArray[np.int16]
+    corners: NDArray[np.float64]
+    people: NDArray[np.float64]
+
+    def states(self, name: str) -> list[tuple[float, str]]:
+        """A thing's states as (t, state from then on), of places' names and "moving".
+
+        t is in seconds of the scans' clock, that of the first scan with the state.
+        """
+        k = self._index(name)
+        names = list(self.world.things[k].places)
+        column = self.places[:, k]
+        firsts = [0, *(np.flatnonzero(np.diff(column)) + 1).tolist()]
+        return [(START_S + float(self.t[i]), "moving" if column[i] == MOVING else names[column[i]]) for i in firsts]
+
+    def cells(self, name: str, place: str, resolution_m: float) -> NDArray[np.int64]:
+        """The cells that a thing covers at a place; (n_cells, 2) [row, col], see `covered_cells`."""
+        return covered_cells(self.world.things[self._index(name)].corners(place), resolution_m)
+
+    def segments(self, name: str, place: str) -> NDArray[np.float64]:
+        """The four faces of a thing at a place; (4, 4) metres: x0, y0, x1, y1."""
+        return outline(self.world.things[self._index(name)].corners(place))
+
+    def static_cells(self, resolution_m: float) -> NDArray[np.int64]:
+        """The cells that walls cover, inside included; (n_cells, 2) [row, col], sorted, each once."""
+        cells = [covered_cells(wall.corners, resolution_m) for wall in self.world.walls]
+        return np.unique(np.concatenate([np.empty((0, 2), dtype=np.int64), *cells]), axis=0)
+
+    def _index(self, name: str) -> int:
+        for k, thing in enumerate(self.world.things):
+            if name in (thing.name, thing.label):
+                return k
+        names = ", ".join(thing.name for thing in self.world.things) or "nothing"
+        raise WorldError(f"there is no {name!r} in this world; wanted one of {names}")

@@ -28,6 +28,14 @@ def as_rgb(colour: Colour) -> Rgb:
     return np.array(colour, dtype=np.float32)
 
 
+def as_shades(occupied: NDArray[np.float32]) -> Rgb:
+    """White for 0 to black for 1; grey for NaN."""
+    share = np.clip(occupied, 0, 1)[..., None]
+    rgb = as_rgb(WHITE) * (1 - share) + as_rgb(BLACK) * share
+    rgb[np.isnan(occupied)] = GREY
+    return rgb
+
+
 def cropped(rgb: Rgb, extent: Extent) -> tuple[Rgb, Extent]:
     """The part of a picture that holds something, in a grey margin, and where that part lies."""
     seen = np.any(rgb != as_rgb(GREY), axis=-1)

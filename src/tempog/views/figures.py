@@ -33,6 +33,7 @@ from tempog.views.canvas import (
     Rgb,
     add_legend,
     as_rgb,
+    as_shades,
     canvas,
     cropped,
     show_map,
@@ -120,7 +121,7 @@ def _moment_drawing(history: History, layer: str, at: Moment | None, hold: float
     known = "last known state" if hold == math.inf else f"seen within {hold:g} s" if hold else "as observed"
     if layer == "occupancy":
         free, hit = history.config.sensing.prob_free, history.config.sensing.prob_hit
-        rgb = _shades((snapshot.value - free) / (hit - free))
+        rgb = as_shades((snapshot.value - free) / (hit - free))
         return _Drawing(rgb, f"occupancy at {when}, {known}", [(BLACK, "occupied"), (WHITE, "free"), UNEXPLORED])
     age_s = snapshot.age_s.astype(np.float64)
     longest_s = max(10.0, float(np.nanmax(age_s))) if np.isfinite(age_s).any() else 10.0
@@ -135,7 +136,7 @@ def _period_drawing(history: History, layer: str) -> _Drawing:
     period = f"{first} to {last}"
     if layer == "classic":
         share = (occupancy_grid(history) - CLAMP_PROB_LOW) / (CLAMP_PROB_HIGH - CLAMP_PROB_LOW)
-        rgb = _shades(share)
+        rgb = as_shades(share)
         legend = [(BLACK, "occupied"), (WHITE, "free"), UNEXPLORED]
         return _Drawing(rgb, f"classic occupancy grid, {period}", legend)
     rgb = _static_base(history)
@@ -151,14 +152,6 @@ def _period_drawing(history: History, layer: str) -> _Drawing:
     legend = [(BLACK, "static"), (WHITE, "free"), UNEXPLORED]
     label = f"mean absolute deviation of P(occupied); under {FAINT_DYNAMICS:g} uncoloured"
     return _Drawing(rgb, f"dynamics, {period}", legend, colours, label)
-
-
-def _shades(occupied: NDArray[np.float32]) -> Rgb:
-    """White for 0 to black for 1; grey for NaN."""
-    share = np.clip(occupied, 0, 1)[..., None]
-    rgb = as_rgb(WHITE) * (1 - share) + as_rgb(BLACK) * share
-    rgb[np.isnan(occupied)] = GREY
-    return rgb
 
 
 def _tinted(rgb: Rgb, dynamics: NDArray[np.float64]) -> Rgb:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from tempog.analysis.configurations import Configuration
 from tempog.analysis.find_objects import FoundObjects
@@ -101,12 +102,12 @@ def _cells(found: FoundObjects) -> Rgb:
     return rgb
 
 
-def _rows_cols(found: FoundObjects, place: Configuration) -> tuple[np.ndarray, np.ndarray]:
+def _rows_cols(found: FoundObjects, place: Configuration) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     extent = found.history.extent
     return place.cells[:, 0] - extent.row0, place.cells[:, 1] - extent.col0
 
 
-def _chain(centres: np.ndarray) -> list[int]:
+def _chain(centres: NDArray[np.float64]) -> list[int]:
     """Points in the order of a walk that goes from each to the nearest one left, from the first on."""
     order, left = [0], list(range(1, len(centres)))
     while left:

@@ -1,0 +1,61 @@
+"""World, temporal map and classic occupancy grid beside each other, as the paper compares them (Table I)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from tempog.analysis.find_objects import FoundObjects
+from tempog.analysis.occupancy import CLAMP_PROB_HIGH, CLAMP_PROB_LOW, occupancy_grid
+from tempog.simulation import Simulation
+from tempog.views.canvas import BLACK, UNEXPLORED, WHITE, add_legend, as_shades, cropped, show_map
+from tempog.views.objects import LONE_COLOUR, paint_objects
+from tempog.views.worlds import GREEN, RED, YELLOW, bounds, paint_world
+
+PANEL_LONG_INCHES = 6.5
+DPI = 160
+
+
+class Row(NamedTuple):
+    """One experiment of the table: what it is called, what was simulated, and what was found."""
+
+    title: str
+    simulation: Simulation
+    found: FoundObjects
+
+
+def draw_side_by_side(rows: Sequence[Row]) -> Figure:
+    """The simulated world, the map with objects, and the classic occupancy grid, a row per experiment (Table I).
+
+    A single experiment in a world that is much wider than high has its three pictures below each other.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Axes in metres, map frame, y up.
+    """
+    low, high = bounds(rows[0].simulation.world)
+    width, height = high - low
+    inches = PANEL_LONG_INCHES / max(width, height)
+    shape = (3, 1) if len(rows) == 1 and width > 1.5 * height else (len(rows), 3)
+    size = (shape[1] * (width * inches + 0.7), shape[0] * (height * inches + 0.7) + 0.4)
+    figure = Figure(figsize=size, dpi=DPI, layout="constrained")
+    panels = np.array(figure.subplots(*shape)).reshape(len(rows), 3)
+    for (title, simulation, found), (left, middle, right) in zip(rows, panels, strict=True):
+        paint_world(left, simulation)
+        left.set_title(f"{title} · simulated world", fontsize=9, loc="left")
+        paint_objects(middle, found)
+        shown = f"{len(found.objects)} objects, {len(found.unassociated)} other places, method {found.method}"
+        middle.set_title(f"{title} · {shown}", fontsize=9, loc="left")
+        share = (occupancy_grid(found.history) - CLAMP_PROB_LOW) / (CLAMP_PROB_HIGH - CLAMP_PROB_LOW)
+        show_map(right, *cropped(as_shades(share), found.history.extent))
+        right.set_title(f"{title} · classic occupancy grid", fontsize=9, loc="left")
+        for axes in (middle, right):
+            axes.set(xlim=left.get_xlim(), ylim=left.get_ylim())
+            axes.set_facecolor(UNEXPLORED[0])
+    legend = [(BLACK, "wall, static, occupied"), (WHITE, "free"), UNEXPLORED, (LONE_COLOUR, "place in no object")]
+    add_legend(figure, [*legend, (RED, "door"), (GREEN, "person"), (YELLOW, "robot's way")])
+    return figure

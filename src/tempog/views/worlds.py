@@ -1,0 +1,88 @@
+"""Simulated worlds: walls, doors and boxes in all their places, the robot's way, people (paper, Fig. 12)."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Polygon
+from numpy.typing import NDArray
+
+from tempog.simulation import Simulation, World
+from tempog.views.canvas import BLACK, Colour, add_legend, canvas
+
+RED: Colour = (0.80, 0.10, 0.12)
+PALE_RED: Colour = (0.96, 0.66, 0.64)
+BLUE: Colour = (0.0, 0.45, 0.70)
+PALE_BLUE: Colour = (0.65, 0.82, 0.93)
+YELLOW: Colour = (0.93, 0.75, 0.0)
+GREEN: Colour = (0.0, 0.62, 0.45)
+DRAWN_AT_M = 0.05  # the canvas is as large as for a map of this resolution
+MARGIN_M = 0.5
+
+
+def draw_world(simulation: Simulation, *, title: str = "") -> Figure:
+    """The simulated environment from above (Fig. 12).
+
+    Parameters
+    ----------
+    simulation : Simulation
+    title : str
+        Put before the world's name.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Axes in metres, map frame, y up. Doors are red, boxes blue, in their first place in full colour and in
+        the others pale; the robot's way is yellow; people are where they were at the start.
+    """
+    low, high = bounds(simulation.world)
+    n_cols, n_rows = np.ceil((high - low) / DRAWN_AT_M).astype(int).tolist()
+    figure, axes = canvas(n_rows, n_cols, has_bar=False)
+    paint_world(axes, simulation)
+    world = simulation.world
+    kinds = {thing.kind for thing in world.things}
+    legend = [(BLACK, "wall")]
+    legend += [(RED, "door"), (PALE_RED, "its other places")] if kinds - {"box"} else []
+    legend += [(BLUE, "box"), (PALE_BLUE, "its other places")] if "box" in kinds else []
+    legend += [(GREEN, "person")] if simulation.people.shape[1] else []
+    add_legend(figure, [*legend, (YELLOW, "robot's way")])
+    shown = f"world {world.name or 'without a name'}"
+    axes.set_title(" · ".join(part for part in (title, shown) if part), fontsize=9, loc="left")
+    return figure
+
+
+def paint_world(axes: Axes, simulation: Simulation) -> None:
+    """`draw_world` on given axes, without title and legend."""
+    world = simulation.world
+    low, high = bounds(simulation.world)
+    for wall in world.walls:
+        axes.add_patch(Polygon(np.array(wall.corners), closed=True, facecolor=BLACK, linewidth=0))
+    for thing in world.things:
+        full, pale = (BLUE, PALE_BLUE) if thing.kind == "box" else (RED, PALE_RED)
+        for k, place in reversed(list(enumerate(thing.places))):
+            axes.add_patch(Polygon(thing.corners(place), closed=True, facecolor=pale if k else full, linewidth=0))
+        axes.annotate(
+            thing.name,
+            thing.corners(next(iter(thing.places))).mean(axis=0),
+            xytext=(0, 5),
+            textcoords="offset points",
+            ha="center",
+            fontsize=7,
+            color=full,
+        )
+    way = np.array([*world.robot.round_trip, world.robot.round_trip[0]])
+    axes.plot(*way.T, color=YELLOW, linewidth=1.5, marker="o", markersize=3, zorder=1)
+    for x, y in simulation.people[0] if len(simulation.people) else ():
+        if np.isfinite(x):
+            axes.add_patch(Circle((x, y), world.people.radius_m, facecolor=GREEN, linewidth=0))
+    axes.set(xlabel="x (m)", ylabel="y (m)", xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+    axes.tick_params(labelsize=8)
+
+
+def bounds(world: World) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Corners of a rectangle around all that is in a world, with a margin; x and y, metres."""
+    corners = [np.array(world.robot.waypoints), *(np.array(wall.corners) for wall in world.walls)]
+    corners += [thing.corners(place) for thing in world.things for place in thing.places]
+    points = np.concatenate(corners)
+    return points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M

@@ -65,6 +65,17 @@ def test_the_answer_as_json_is_one_object(tempog, tmp_path):
     assert json.loads(out)["n_scans"] == 10
 
 
+def test_people_who_are_replayed_are_counted(tempog, tmp_path):
+    (tmp_path / "walk.txt").write_text("0 1 2.0 2.0\n1 1 3.0 2.0\n0 2 5.0 2.0\n")
+    world = tmp_path / "some.toml"
+    world.write_text('[robot]\nwaypoints = [[0, 0]]\n[people]\nnumber = 3\n[[people.track]]\nfile = "walk.txt"\n')
+    code, out, err = tempog(world, "-o", tmp_path / "a.npz", "--duration", 2)
+    assert (code, err) == (0, "")
+    assert "5 people (2 of them replayed), 0 doors" in out
+    with np.load(truth_paths(tmp_path / "a.npz")[1]) as arrays:
+        assert np.isfinite(arrays["people"][:, :, 0]).sum(axis=0).tolist() == [20, 20, 20, 11, 1]
+
+
 def test_what_is_there_is_replaced_only_by_force(tempog, tmp_path):
     log = tmp_path / "a.npz"
     truth_paths(log)[0].write_text("mine")

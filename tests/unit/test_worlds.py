@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from tempog.errors import TempogError, WorldError
-from tempog.simulation import Route, Thing, Wall, World, load_world
+from tempog.simulation import Route, Thing, Wall, World, load_world, simulate
 from tempog.simulation.polygons import disc_gap, leg_gap
 from tempog.simulation.schedules import Dwell, Listed, Recorded, Weekly
+from tempog.simulation.tracks import read_tracks
 
 ROOM = """
 duration_s = 20.0
@@ -136,6 +137,18 @@ def test_a_box_has_its_places_at_its_middle(load):
             + '[door.X]\nhinge = [1.0, 1.5]\nplaces = { open = 90, closed = 270 }\nschedule.moves = [[9, "closed"]]',
             ["door.X.schedule", "'closed'", "onto the robot at waypoint 0"],
         ),
+        (ROOM + '[[people.track]]\nfile = "none.txt"\n', ["people.track[0].file", "none.txt", "No such file"]),
+        (ROOM + "[[people.track]]\nrate_hz = 16\n", ["people.track[0].file is missing"]),
+        (ROOM + "[[people.track]]\nfile = 'some.toml'\nrate = 16\n", ["people.track[0].rate", "no known key"]),
+        (ROOM + "[[people.track]]\nfile = 'some.toml'\nrate_hz = 0\n", ["people.track[0]", "rate_hz = 0.0"]),
+        (
+            ROOM + "[[people.track]]\nfile = 'some.toml'\n",
+            ["people.track[0]", "line 2 is 'duration_s", "t x y"],
+        ),
+        (
+            ROOM + "[[people.track]]\nfile = 'some.toml'\ncolumns = ['t', 'x']\n",
+            ["people.track[0]", "columns = ['t', 'x']", "once each"],
+        ),
         ("x = [", ["cannot read", "some.toml"]),
     ],
 )
@@ -169,6 +182,52 @@ def test_the_gap_between_a_way_and_a_polygon_is_what_it_should_be():
     assert leg_gap((-5.0, 3.0), (9.0, 3.0), box) == pytest.approx(2.0)
     assert leg_gap((3.0, -4.0), (3.0, 9.0), box[::-1]) == pytest.approx(1.0)
     assert disc_gap((5.0, 5.0), box) == pytest.approx(5.0)
+
+
+# --- recorded people ---
+
+ROWS = """# frame person x z y
+10 1 0.0 9 0.0
+10 2 5.0 9 1.0 extra
+
+20, 1, 1.0, 9, 0.0  # commas, too
+30 2 5.0 9 3.0
+"""
+
+
+def test_recorded_people_are_replayed_where_and_when_the_options_say(load, tmp_path):
+    (tmp_path / "rows.txt").write_text(ROWS)
+    options = """
+[[people.track]]
+file = "rows.txt"
+columns = ["t", "person", "x", "-", "y"]
+"""
+    first, second = load(ROOM + options).people.tracks
+    np.testing.assert_array_equal(first.samples, [(10, 0, 0), (20, 1, 0)])
+    np.testing.assert_array_equal(second.samples, [(10, 5, 1), (30, 5, 3)])
+    options += "rate_hz = 20\nscale = 0.1\nrotation_deg = 90\noffset = [2, 1]\nstart_s = 3\n"
+    world = load(ROOM + options)
+    np.testing.assert_allclose(world.people.tracks[0].samples, [(3.0, 2.0, 1.0), (3.5, 2.0, 1.1)])
+    np.testing.assert_allclose(world.people.tracks[1].samples, [(3.0, 1.9, 1.5), (4.0, 1.7, 1.5)])
+    simulation = simulate(world, 5.0)
+    assert np.isfinite(simulation.people[:, 1, 0]).sum() == 11
+
+
+def test_rows_of_three_are_one_person_and_may_be_packed(tmp_path):
+    path = tmp_path / "walk.txt.gz"
+    path.write_bytes(gzip.compress(b"0 1 2\n4 3 2\n"))
+    (track,) = read_tracks(path)
+    assert track.positions([1.0, 5.0]).tolist()[0] == [1.5, 2.0]
+
+
+def test_a_person_whose_times_do_not_rise_is_refused_with_the_line(tmp_path):
+    path = tmp_path / "walk.txt"
+    path.write_text("0 1 2\n4 3 2\n4 3 3\n")
+    with pytest.raises(WorldError, match=r"walk.txt, line 3 is at t = 4, after .* t = 4; wanted rising"):
+        read_tracks(path)
+    path.write_text("# nothing\n")
+    with pytest.raises(WorldError, match="no rows"):
+        read_tracks(path)
 
 
 # --- schedules ---

@@ -25,7 +25,7 @@ LOG_SUFFIXES = (".npz", ".log", ".clf")
 def simulate(
     world: Annotated[str, typer.Argument(metavar="WORLD", help='A world as a TOML file, or "hallway".')],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="LOG", help="The log to write: .npz, or .log.")],
-    people: Annotated[int | None, typer.Option(help="How many people. Default: as the world says.")] = None,
+    people: Annotated[int | None, typer.Option(help="How many people walk. Default: as the world says.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of people, doors and noise.")] = 0,
     duration: Annotated[float | None, typer.Option(help="Seconds. Default: as the world says.")] = None,
     force: ForceFlag = False,
@@ -58,7 +58,8 @@ def simulate(
 
         write_carmen(output, simulation.scans)
     as_json, as_npz = write_truth(output, simulation)
-    n_people = simulation.people.shape[1]
+    n_people, n_replayed = simulation.people.shape[1], len(described.people.tracks)
+    replayed = f" ({n_replayed} of them replayed)" if n_replayed else ""
     if json:
         print_json(
             {
@@ -68,6 +69,7 @@ def simulate(
                 "seed": seed,
                 "n_scans": len(simulation.scans),
                 "n_people": n_people,
+                "n_replayed": n_replayed,
                 "n_things": len(described.things),
                 "duration_s": simulation.duration_s,
             }
@@ -75,6 +77,6 @@ def simulate(
     elif not quiet:
         typer.echo(
             f"{output}: {count_text(len(simulation.scans))} scans in {duration_text(simulation.duration_s)},"
-            f" {n_people} people, {len(described.things)} doors and boxes"
+            f" {n_people} people{replayed}, {len(described.things)} doors and boxes"
         )
         typer.echo(f"Truth: {as_json}, {as_npz}")

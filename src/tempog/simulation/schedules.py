@@ -6,7 +6,6 @@ since the simulation starts. Whether it can go at once is the simulation's busin
 
 from __future__ import annotations
 
-import gzip
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -16,6 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from tempog.errors import WorldError
+from tempog.simulation.tracks import read_recording
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 DAY_S = 86_400.0
@@ -184,10 +184,9 @@ def read_series(path: Path, values: Sequence[str], period_s: float, speed: float
     Value 0 stands for the first of `values`, 1 for the second, and so on.
     """
     try:
-        data = path.read_bytes()
-        text = (gzip.decompress(data) if data[:2] == b"\x1f\x8b" else data).decode()
-    except (OSError, EOFError, UnicodeDecodeError) as error:
-        raise WorldError(f"series: cannot read {path}: {getattr(error, 'strerror', None) or error}") from error
+        text = read_recording(path)
+    except WorldError as error:
+        raise WorldError(f"series: {error}") from error
     times: list[float] = []
     states: list[str] = []
     for number, line in enumerate(text.splitlines(), start=1):

@@ -6,6 +6,8 @@ Lengths are metres, angles degrees, times seconds::
     [robot]        waypoints = [[x, y], ...], route = "back and forth" | "round", speed_m_s, turn_deg_s,
                    radius_m, stop_m, heading_deg
     [people]       number, speed_m_s = [low, high], turn_rate_hz = [low, high], pause_s, radius_m
+    [[people.track]]  file = "rows of: t person x y", columns = ["t", "person", "x", "y"], rate_hz, scale,
+                   rotation_deg, offset = [x, y], start_s
     [laser]        n_beams, fov_deg, rate_hz, max_range_m, sigma_m, dropout
     [pose_error]   white_m, white_deg, drift_m, drift_deg, drift_s
     [[wall]]       line = [[x, y], ...] along its middle, thickness_m, closed; or corners of a convex block
@@ -25,7 +27,6 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,8 @@ from numpy.typing import NDArray
 from tempog.errors import ConfigError, WorldError
 from tempog.simulation.polygons import Point, Pose, check_wall, placed
 from tempog.simulation.schedules import DAY_S, DAYS, Dwell, Listed, Move, Never, Schedule, Weekly, read_series
+from tempog.simulation.tables import Table, to_number
+from tempog.simulation.tracks import Track, read_tracks
 from tempog.simulation.world import Crowd, Laser, PoseError, Route, Thing, Wall, World
 
 PACKAGED = Path(__file__).with_name("worlds")
@@ -77,7 +80,7 @@ def load_world(path: str | Path) -> World:
         hint = f"\n  Packaged worlds: {names}." if isinstance(error, OSError) else ""
         raise WorldError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}{hint}") from error
     try:
-        return _world(_Table(tables, ""), path.parent)
+        return _world(Table(tables, ""), path.parent)
     except (WorldError, ConfigError) as error:
         raise WorldError(f"{path}: {error}") from error
 
@@ -87,75 +90,7 @@ def packaged(name: str) -> Path:
     return PACKAGED / f"{name}.toml"
 
 
-class _Table:
-    """A TOML table that knows its key, hands out checked values, and which keys nobody asked for."""
-
-    def __init__(self, values: Mapping[str, Any], key: str) -> None:
-        self.values = dict(values)
-        self.key = key
-        self.known: list[str] = []
-
-    def full(self, key: str) -> str:
-        return f"{self.key}.{key}" if self.key else key
-
-    def has(self, key: str) -> bool:
-        self.known.append(key)
-        return key in self.values
-
-    def take(self, key: str, default: Any = None) -> Any:
-        if self.has(key):
-            return self.values.pop(key)
-        if default is None:
-            raise WorldError(f"{self.full(key)} is missing")
-        return default
-
-    def number(self, key: str, default: float | None = None) -> float:
-        return _number(self.take(key, default), self.full(key))
-
-    def text(self, key: str, default: str | None = None) -> str:
-        value = self.take(key, default)
-        if not isinstance(value, str):
-            raise WorldError(f"{self.full(key)} = {value!r}; wanted text in quotes")
-        return value
-
-    def flag(self, key: str, default: bool) -> bool:
-        value = self.take(key, default)
-        if not isinstance(value, bool):
-            raise WorldError(f"{self.full(key)} = {value!r}; wanted true or false")
-        return value
-
-    def numbers(self, key: str, count: int, default: list[float] | None = None) -> tuple[float, ...]:
-        return _numbers(self.take(key, default), self.full(key), count)
-
-    def point(self, key: str) -> Point:
-        x, y = self.numbers(key, 2)
-        return x, y
-
-    def points(self, key: str, least: int) -> tuple[Point, ...]:
-        value = self.take(key)
-        if not isinstance(value, list) or len(value) < least:
-            raise WorldError(f"{self.full(key)} = {value!r}; wanted {least} or more points [x, y]")
-        pairs = [_numbers(point, f"{self.full(key)}[{k}]", 2) for k, point in enumerate(value)]
-        return tuple((x, y) for x, y in pairs)
-
-    def table(self, key: str) -> _Table:
-        value = self.take(key, {})
-        if not isinstance(value, dict):
-            raise WorldError(f"{self.full(key)} = {value!r}; wanted a table")
-        return _Table(value, self.full(key))
-
-    def tables(self, key: str) -> list[_Table]:
-        value = self.take(key, [])
-        if not isinstance(value, list) or not all(isinstance(one, dict) for one in value):
-            raise WorldError(f"{self.full(key)}: wanted tables [[{self.full(key)}]]")
-        return [_Table(one, f"{self.full(key)}[{k}]") for k, one in enumerate(value)]
-
-    def done(self) -> None:
-        for key in self.values:
-            raise WorldError(f"{self.full(key)} is no known key; wanted {', '.join(sorted(set(self.known)))}")
-
-
-def _world(world: _Table, folder: Path) -> World:
+def _world(world: Table, folder: Path) -> World:
     name, duration_s = world.text("name", "-"), world.number("duration_s", 60.0)
     walls = [piece for table in world.tables("wall") for piece in _wall(table)]
     cuts = [_opening(table) for table in world.tables("opening")]
@@ -171,7 +106,7 @@ def _world(world: _Table, folder: Path) -> World:
                 pose = next(iter(thing.places.values()))
                 tip = placed(np.array([(thing.length_m, 0.0)]), pose)[0]
                 cuts.append(((pose[0], pose[1]), (float(tip[0]), float(tip[1])), table.key))
-    robot, people = _robot(world.table("robot")), _people(world.table("people"))
+    robot, people = _robot(world.table("robot")), _people(world.table("people"), folder)
     laser, pose_error = _laser(world.table("laser")), _pose_error(world.table("pose_error"))
     world.done()
     for start, end, key in cuts:
@@ -194,7 +129,7 @@ Middle = tuple[NDArray[np.float64], NDArray[np.float64], float]
 Piece = tuple[Wall, Middle | None]
 
 
-def _wall(table: _Table) -> list[Piece]:
+def _wall(table: Table) -> list[Piece]:
     if table.has("corners"):
         corners = table.points("corners", 3)
         table.done()
@@ -228,7 +163,7 @@ def _straight(start: NDArray[np.float64], end: NDArray[np.float64], thickness: f
     return wall, (start, end, thickness)
 
 
-def _opening(table: _Table) -> tuple[Point, Point, str]:
+def _opening(table: Table) -> tuple[Point, Point, str]:
     start, end = table.point("from"), table.point("to")
     table.done()
     if start == end:
@@ -269,7 +204,7 @@ def _cut(walls: list[Piece], start: Point, end: Point, key: str) -> list[Piece]:
 # ---- what moves ------------------------------------------------------------------------------------------
 
 
-def _door(table: _Table, name: str, folder: Path) -> Thing:
+def _door(table: Table, name: str, folder: Path) -> Thing:
     length, thickness = table.number("length_m", 0.9), table.number("thickness_m", 0.05)
     places: dict[str, Pose]
     if table.has("hinge"):
@@ -289,7 +224,7 @@ def _door(table: _Table, name: str, folder: Path) -> Thing:
     return _thing(table, name, kind, length, thickness, places, folder)
 
 
-def _box(table: _Table, name: str, folder: Path) -> Thing:
+def _box(table: Table, name: str, folder: Path) -> Thing:
     length, width = table.numbers("size_m", 2)
     named = table.table("places")
     places: dict[str, Pose] = {}
@@ -300,7 +235,7 @@ def _box(table: _Table, name: str, folder: Path) -> Thing:
 
 
 def _thing(
-    table: _Table, name: str, kind: Any, length: float, thickness: float, places: dict[str, Pose], folder: Path
+    table: Table, name: str, kind: Any, length: float, thickness: float, places: dict[str, Pose], folder: Path
 ) -> Thing:
     initial = table.text("initial", "") if table.has("initial") else ""
     move_s = table.number("move_s", 1.0)
@@ -313,7 +248,7 @@ def _thing(
     return Thing(name, kind, length, thickness, places, schedule, initial, move_s)
 
 
-def _schedule(table: _Table, folder: Path) -> Schedule:
+def _schedule(table: Table, folder: Path) -> Schedule:
     kinds = [kind for kind in ("moves", "dwell_s", "series") if table.has(kind)]
     clock = [kind for kind in ("daily", "weekly") if table.has(kind)]
     if len(kinds) + bool(clock) > 1:
@@ -322,7 +257,7 @@ def _schedule(table: _Table, folder: Path) -> Schedule:
     if clock:
         schedule = _weekly(table)
     elif kinds == ["moves"]:
-        schedule = Listed(tuple((_number(t, table.full("moves")), p) for t, p in _pairs(table, "moves")))
+        schedule = Listed(tuple((to_number(t, table.full("moves")), p) for t, p in _pairs(table, "moves")))
     elif kinds == ["dwell_s"]:
         dwell = table.table("dwell_s")
         schedule = Dwell({place: dwell.number(place) for place in list(dwell.values)})
@@ -336,7 +271,7 @@ def _schedule(table: _Table, folder: Path) -> Schedule:
     return schedule
 
 
-def _weekly(table: _Table) -> Weekly:
+def _weekly(table: Table) -> Weekly:
     times: list[Move] = []
     if table.has("daily"):
         daily = [(_clock(t, table.full("daily")), place) for t, place in _pairs(table, "daily")]
@@ -351,7 +286,7 @@ def _weekly(table: _Table) -> Weekly:
     return Weekly(tuple(sorted(times)), _clock(table.text("start", "mon 00:00"), table.full("start")))
 
 
-def _pairs(table: _Table, key: str) -> list[tuple[Any, str]]:
+def _pairs(table: Table, key: str) -> list[tuple[Any, str]]:
     value = table.take(key)
     if not isinstance(value, list):
         raise WorldError(f'{table.full(key)} = {value!r}; wanted pairs like [12.5, "open"]')
@@ -373,7 +308,7 @@ def _clock(value: Any, key: str) -> float:
 # ---- who moves, and who looks ----------------------------------------------------------------------------
 
 
-def _robot(table: _Table) -> Route:
+def _robot(table: Table) -> Route:
     default = Route(((0.0, 0.0),))
     route = table.text("route", "back and forth")
     if route not in ("back and forth", "round"):
@@ -391,7 +326,7 @@ def _robot(table: _Table) -> Route:
     return robot
 
 
-def _people(table: _Table) -> Crowd:
+def _people(table: Table, folder: Path) -> Crowd:
     default = Crowd()
     number = table.take("number", 0)
     if isinstance(number, bool) or not isinstance(number, int):
@@ -404,12 +339,29 @@ def _people(table: _Table) -> Crowd:
         turn_rate_hz=(rare, often),
         pause_s=table.number("pause_s", default.pause_s),
         radius_m=table.number("radius_m", default.radius_m),
+        tracks=tuple(track for one in table.tables("track") for track in _tracks(one, folder)),
     )
     table.done()
     return crowd
 
 
-def _laser(table: _Table) -> Laser:
+def _tracks(table: Table, folder: Path) -> list[Track]:
+    columns = table.take("columns") if table.has("columns") else None
+    if columns is not None and not (isinstance(columns, list) and all(isinstance(name, str) for name in columns)):
+        raise WorldError(f'{table.full("columns")} = {columns!r}; wanted names like ["t", "person", "x", "y"]')
+    file = folder / table.text("file")
+    offset = table.numbers("offset", 2, [0.0, 0.0])
+    start_s = table.number("start_s") if table.has("start_s") else None
+    rate_hz, scale = table.number("rate_hz", 1.0), table.number("scale", 1.0)
+    rotation_rad = math.radians(table.number("rotation_deg", 0.0))
+    table.done()
+    try:
+        return read_tracks(file, columns, rate_hz, scale, rotation_rad, (offset[0], offset[1]), start_s)
+    except WorldError as error:
+        raise WorldError(f"{table.full('file') if 'cannot read' in str(error) else table.key}: {error}") from error
+
+
+def _laser(table: Table) -> Laser:
     default = Laser()
     n_beams = table.take("n_beams", default.n_beams)
     if isinstance(n_beams, bool) or not isinstance(n_beams, int):
@@ -426,7 +378,7 @@ def _laser(table: _Table) -> Laser:
     return laser
 
 
-def _pose_error(table: _Table) -> PoseError:
+def _pose_error(table: Table) -> PoseError:
     error = PoseError(
         white_m=table.number("white_m", 0.0),
         white_rad=math.radians(table.number("white_deg", 0.0)),
@@ -436,15 +388,3 @@ def _pose_error(table: _Table) -> PoseError:
     )
     table.done()
     return error
-
-
-def _number(value: Any, key: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise WorldError(f"{key} = {value!r}; wanted a finite number")
-    return float(value)
-
-
-def _numbers(value: Any, key: str, count: int) -> tuple[float, ...]:
-    if not isinstance(value, list) or len(value) != count:
-        raise WorldError(f"{key} = {value!r}; wanted {count} numbers in brackets")
-    return tuple(_number(one, key) for one in value)

@@ -9,7 +9,9 @@ TempogError
 │   ├── MomentError     what was given is no moment; also a ConfigError
 │   └── EmptyWindowError   no scan falls into the period asked for
 ├── MapError            a saved map that cannot be read or written
-└── WorldError          a world to simulate that cannot be, or whose file cannot be read
+├── WorldError          a world to simulate that cannot be, or whose file cannot be read
+├── TruthError          the truth about a simulated log that cannot be read
+└── AnswerError         found objects that cannot be read, or not be judged
 
 Every message says what was seen, what was wanted and what to do. The library raises these and never
 prints; the command line shows the message alone, without a traceback.
@@ -54,3 +56,11 @@ class MapError(TempogError):
 
 class WorldError(TempogError, ValueError):
     """A world to simulate that cannot be, or whose file cannot be read."""
+
+
+class TruthError(TempogError, ValueError):
+    """The truth about a simulated log that cannot be read."""
+
+
+class AnswerError(TempogError, ValueError):
+    """A document of found objects that cannot be read, or that its truth cannot judge."""

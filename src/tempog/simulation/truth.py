@@ -149,15 +149,21 @@ class Truth:
 
     def beams(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """x, y (metres) and direction (radians) of each beam in the map frame; (n_scans, n_beams) each."""
-        shape = self.distances.shape
-        x, y = (np.ascontiguousarray(np.broadcast_to(self.poses[:, None, k], shape)) for k in (0, 1))
-        return x, y, self.poses[:, 2:] + self.angles
+        scans, beams = np.nonzero(np.ones(self.distances.shape, dtype=np.bool_))
+        x, y, angle = (values.reshape(self.distances.shape) for values in self._starts(scans, beams))
+        return x, y, angle
 
     def ends(self, scans: NDArray[np.int64], beams: NDArray[np.int64]) -> NDArray[np.float64]:
         """Where some beams ended, and a hair further, inside what they met; (n, 2) metres."""
-        x, y, angle = (values[scans, beams] for values in self.beams())
+        x, y, angle = self._starts(scans, beams)
         reach = self.distances[scans, beams] + INTO_M
         return np.column_stack([x + reach * np.cos(angle), y + reach * np.sin(angle)])
+
+    def _starts(
+        self, scans: NDArray[np.int64], beams: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        x, y, theta = self.poses.T
+        return x[scans], y[scans], theta[scans] + self.angles[beams]
 
     def end_cells(self, hit: Hit, resolution_m: float) -> NDArray[np.int64]:
         """The cells in which beams ended on something of a kind, in any scan; (n_cells, 2), sorted."""

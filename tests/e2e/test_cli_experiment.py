@@ -1,0 +1,104 @@
+"""``tempog experiment`` as a user calls it."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from tempog.cli.app import run
+from tempog.cli.experiment import PICTURES
+
+
+@pytest.fixture
+def tempog(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    def call(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["tempog", "experiment", *(str(word) for word in words)])
+        capsys.readouterr()
+        code = 0
+        try:
+            run()
+        except SystemExit as stop:
+            code = int(stop.code or 0)
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return call
+
+
+def rows_of(table: str) -> list[dict[str, str]]:
+    heading, _, *rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in table.strip().splitlines())
+    return [dict(zip(heading, row, strict=True)) for row in rows]
+
+
+def test_one_experiment_gives_pictures_scores_and_a_table(tempog, tmp_path: Path) -> None:
+    code, out, err = tempog("2a", "-o", tmp_path / "a", "--duration", 150, "--seed", 3)
+    assert code == 0
+    assert "1 runs" in err
+    assert sorted(file.name for file in (tmp_path / "a").iterdir()) == sorted([*PICTURES, "scores.json", "table.md"])
+    for picture in PICTURES:
+        assert (tmp_path / "a" / picture).read_bytes().startswith(b"\x89PNG")
+    (scores,) = json.loads((tmp_path / "a" / "scores.json").read_text())
+    assert (scores["people"], scores["seed"], scores["method"], scores["evidence"]) == (20, 3, "paper", "literal")
+    assert scores["n_scans"] == 1500
+    assert scores["scores"]["static"]["f1"] > 0.5
+    assert all(seconds > 0 for seconds in scores["seconds"].values())
+    (row,) = rows_of(out)
+    assert row["static F1"] == f"{scores['scores']['static']['f1']:.2f}"
+    assert (row["people"], row["of"]) == ("20", str(float(int(row["of"].split(".")[0]))))
+    assert (tmp_path / "a" / "table.md").read_text() == out
+
+
+def test_all_experiments_by_every_method_with_their_spread(tempog, tmp_path: Path) -> None:
+    code, out, _ = tempog("all", "-o", tmp_path / "a", "--duration", 60, "--seeds", 2, "--resolution", 0.1, "--quiet")
+    assert code == 0
+    rows = rows_of(out)
+    assert [(row["people"], row["method"]) for row in rows] == [
+        (people, method) for people in ("0", "20", "40", "60") for method in ("paper", "paper-tuned")
+    ]
+    assert {row["seeds"] for row in rows} == {"2"}
+    runs = json.loads((tmp_path / "a" / "scores.json").read_text())
+    assert len(runs) == 16
+    false = [one["scores"]["configurations"] for one in runs if (one["people"], one["method"]) == (60, "paper")]
+    counts = [one["precision"]["of"] - one["precision"]["n"] for one in false]
+    assert len(counts) == 2
+    mean = f"{sum(counts) / 2:.1f}"
+    wanted = mean if counts[0] == counts[1] else f"{mean} ({min(counts):.1f}-{max(counts):.1f})"
+    assert rows[6]["false places"] == wanted
+    assert rows[0]["moving: precision"] == "-"  # nobody is there
+    assert (tmp_path / "a" / "side-by-side.png").exists()
+    for title in ("1", "2a", "2b", "2c"):
+        assert {file.name for file in (tmp_path / "a" / title).iterdir()} == set(PICTURES)
+
+
+def test_any_world_can_be_an_experiment(tempog, tmp_path: Path) -> None:
+    code, out, _ = tempog("hallway", "--people", 3, "-o", tmp_path, "--duration", 20, "--method", "paper-tuned")
+    assert code == 0
+    assert rows_of(out)[0]["people"] == "3"
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "expected"),
+    [
+        (["1", "--people", 5], 2, "--people"),
+        (["1", "--method", "magic"], 2, "paper, paper-tuned"),
+        (["1", "--resolution", -1], 2, "resolution_m"),
+        (["1", "--duration", -1], 1, "duration_s"),
+        (["no-such-world"], 1, "hallway"),
+    ],
+)
+def test_what_cannot_work_is_refused(tempog, tmp_path: Path, words: list[object], code: int, expected: str) -> None:
+    got, _, err = tempog(*words, "-o", tmp_path / "a")
+    assert (got, expected in err) == (code, True), err
+
+
+def test_results_are_not_overwritten_without_force(tempog, tmp_path: Path) -> None:
+    (tmp_path / "scores.json").write_text("precious")
+    words = ["1", "-o", tmp_path, "--duration", 10, "--quiet"]
+    code, _, err = tempog(*words)
+    assert (code, "--force" in err) == (1, True)
+    assert (tmp_path / "scores.json").read_text() == "precious"
+    assert tempog(*words, "--force")[0] == 0
+    assert tempog("1", "-o", tmp_path / "scores.json")[0] == 1

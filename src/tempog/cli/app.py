@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from tempog._version import __version__
-from tempog.cli import demo, experiment, history, info, map_logs, objects, show, simulate
+from tempog.cli import demo, evaluate, experiment, history, info, map_logs, objects, show, simulate
 from tempog.errors import ConfigError, TempogError
 
 BAD_DATA, WRONG_USAGE = 1, 2
@@ -28,6 +28,7 @@ app.command("show")(show.show)
 app.command("history", context_settings={"ignore_unknown_options": True})(history.history)
 app.command("objects")(objects.objects)
 app.command("simulate")(simulate.simulate)
+app.command("evaluate")(evaluate.evaluate)
 app.command("experiment")(experiment.experiment)
 app.command("demo")(demo.demo)
 

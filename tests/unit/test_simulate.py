@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from clearance import assert_nobody_overlaps
+from slow_beams import slow_distances
 from tempog.errors import ConfigError, WorldError
 from tempog.simulation import (
     Crowd,
@@ -383,6 +384,52 @@ def test_a_track_that_cannot_be_is_refused(samples, words):
         Track(samples)
 
 
+# --- legs ---
+
+
+def test_a_laser_sees_the_legs_that_the_truth_tells_and_nothing_else_of_people():
+    walk = Track([(0.0, -1.5, 1.2), (3.0, 1.5, 1.2), (4.0, 1.5, 1.2)])
+    crowd = Crowd(2, speed_m_s=(0.8, 1.2), legs=True, tracks=(walk,))
+    simulation = simulate(World(STANDING, SQUARE, people=crowd, laser=Laser(n_beams=121)), 4.5, seed=3)
+    faces = np.concatenate([outline(wall.corners) for wall in SQUARE])
+    seen = 0
+    for k in range(0, 45, 3):
+        legs = [(x, y, 0.06) for x, y in simulation.legs[k].reshape(-1, 2) if np.isfinite(x)]
+        for beam, angle in enumerate(simulation.poses[k, 2] + simulation.world.laser.angles):
+            distances = slow_distances(*simulation.poses[k, :2], angle, faces, legs)
+            nearest = distances.min()
+            assert simulation.distances[k, beam] == pytest.approx(nearest, abs=1e-9)
+            hits_leg = distances.argmin() >= len(faces)
+            assert simulation.hits[k, beam] == (Hit.PERSON if hits_leg else Hit.WALL)
+            seen += hits_leg
+    assert seen > 30
+
+
+def test_legs_swing_as_people_walk_and_stay_within_the_body():
+    walk = Track([(0.0, -1.5, 1.2), (3.0, 1.5, 1.2), (5.0, 1.5, 1.2)])
+    simulation = simulate(World(STANDING, SQUARE, people=Crowd(legs=True, tracks=(walk,))), 5.0)
+    left, right = simulation.legs[:, 0, 0], simulation.legs[:, 0, 1]
+    middle = simulation.people[:, 0]
+    np.testing.assert_allclose((left + right) / 2, middle, atol=1e-12)
+    assert np.linalg.norm(left - middle, axis=1).max() + 0.06 <= 0.25 + 1e-9
+    walking = slice(1, 31)
+    np.testing.assert_allclose((left - right)[walking, 1], 0.3, atol=1e-9)
+    ahead = (left - right)[walking, 0]
+    assert ahead.max() > 0.2
+    assert ahead.min() < -0.2
+    steps = np.flatnonzero(np.diff(np.sign(ahead)))  # legs pass each other every 0.7 m, 7 scans
+    assert set(np.diff(steps).tolist()) == {7}
+    np.testing.assert_allclose(np.diff(left[31:], axis=0), 0.0, atol=1e-12)  # who stands, stands
+
+
+def test_legs_change_nobodys_way():
+    world = World(DRIVING, ROOM, (), Crowd(5), FEW_BEAMS)
+    plain = simulate(world, 20.0)
+    legged = simulate(replace(world, people=Crowd(5, legs=True)), 20.0)
+    np.testing.assert_array_equal(plain.people, legged.people)
+    assert plain.legs is None
+
+
 # --- what cannot be ---
 
 
@@ -392,6 +439,7 @@ def test_a_track_that_cannot_be_is_refused(samples, words):
         (lambda: simulate(World(DRIVING, ROOM), 0.0), "duration_s = 0.0"),
         (lambda: Wall(((0.0, 0.0), (1.0, 0.0))), "2 corners"),
         (lambda: Laser(n_beams=0), "n_beams = 0"),
+        (lambda: Crowd(legs=True, radius_m=0.2), r"people\.radius_m = 0\.2 is too narrow for people\.legs"),
         (lambda: Laser(dropout=1.5), "dropout = 1.5"),
         (
             lambda: simulate(World(DRIVING, ROOM), 1.0, people=500),

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from tempog.errors import WorldError
 from tempog.scans.scan import Scan
+from tempog.simulation.legs import LEG_RADIUS_M, Legs
 from tempog.simulation.polygons import outline
 from tempog.simulation.simulation import MOVING, START_S, Hit, Simulation
 from tempog.simulation.world import Laser, PoseError, World
@@ -146,8 +147,10 @@ def simulate(world: World, duration_s: float | None = None, seed: int = 0, peopl
     )
 
     segments = np.concatenate([walls, np.zeros((4 * len(things), 4))])
-    discs = np.full((n_people, 3), crowd.radius_m)
-    kinds = np.full(len(segments) + n_people + 1, Hit.NOTHING, dtype=np.uint8)  # the last is for the id NOTHING
+    legs = Legs(n_people, crowd.radius_m) if crowd.legs else None
+    all_legs = np.empty((n_scans, n_people, 2, 2)) if crowd.legs else None
+    discs = np.full((n_people, 3), crowd.radius_m) if legs is None else np.full((2 * n_people, 3), LEG_RADIUS_M)
+    kinds = np.full(len(segments) + len(discs) + 1, Hit.NOTHING, dtype=np.uint8)  # the last is for the id NOTHING
     owner = np.full(len(kinds), -1, dtype=np.int16)
     kinds[: len(walls)] = Hit.WALL
     for k, thing in enumerate(things):
@@ -171,7 +174,11 @@ def simulate(world: World, duration_s: float | None = None, seed: int = 0, peopl
         places[i] = np.where(moving_things.fraction >= 1.0, moving_things.travel[:, 1] - place_start[:-1], MOVING)
         segments[len(walls) :, :2] = all_corners[i].reshape(-1, 2)
         segments[len(walls) :, 2:] = np.roll(all_corners[i], -1, axis=1).reshape(-1, 2)
-        discs[:, :2] = positions[i]
+        if legs is None or all_legs is None:
+            discs[:, :2] = positions[i]
+        else:
+            all_legs[i] = legs.step(positions[i])
+            discs[:, :2] = all_legs[i].reshape(-1, 2)
         cast_beams(
             pose[0], pose[1], pose[2] + laser.angles, segments, discs, float(laser.max_range_m), distances[i], ids[i]
         )
@@ -193,6 +200,7 @@ def simulate(world: World, duration_s: float | None = None, seed: int = 0, peopl
         places=places,
         corners=all_corners,
         people=positions,
+        legs=all_legs,
     )
 
 

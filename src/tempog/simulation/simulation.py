@@ -52,6 +52,9 @@ class Simulation:
     corners : (n_scans, n_things, 4, 2) float64, metres
         NaN while a box is carried.
     people : (n_scans, n_people, 2) float64, metres
+        Walkers first, then those who are replayed, NaN while they are absent.
+    legs : (n_scans, n_people, 2, 2) float64, metres, or None
+        Middles of left and right leg, discs of `LEG_RADIUS_M`; None where people are discs of `Crowd.radius_m`.
     """
 
     world: World
@@ -65,6 +68,7 @@ class Simulation:
     places: NDArray[np.int16]
     corners: NDArray[np.float64]
     people: NDArray[np.float64]
+    legs: NDArray[np.float64] | None = None
 
     def states(self, name: str) -> list[tuple[float, str]]:
         """A thing's states as (t, state from then on), of places' names and "moving".

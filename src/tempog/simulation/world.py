@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tempog.errors import ConfigError, WorldError
+from tempog.simulation.legs import SMALLEST_BODY_M
 from tempog.simulation.polygons import Point, Pose, check_wall, disc_gap, leg_gap, middle_text, placed
 from tempog.simulation.schedules import Never, Schedule
 from tempog.simulation.tracks import Track
@@ -131,6 +132,8 @@ class Crowd:
     pause_s : float, seconds
         Mean length of a pause; people make one at half of their goals.
     radius_m : float, metres
+    legs : bool
+        Whether the laser sees two legs (see `legs.py`) of everybody rather than a disc of `radius_m`.
     tracks : tuple of Track
         People beside them who are replayed, and mind nobody.
     """
@@ -140,6 +143,7 @@ class Crowd:
     turn_rate_hz: tuple[float, float] = (0.02, 0.3)
     pause_s: float = 8.0
     radius_m: float = 0.25
+    legs: bool = False
     tracks: tuple[Track, ...] = ()
 
     def __post_init__(self) -> None:
@@ -152,6 +156,11 @@ class Crowd:
             raise WorldError(
                 f"people.pause_s = {self.pause_s!r}, radius_m = {self.radius_m!r}; wanted seconds of 0 or more,"
                 " and a radius from 0.05 to 1 m"
+            )
+        if self.legs and self.radius_m < SMALLEST_BODY_M:
+            raise WorldError(
+                f"people.radius_m = {self.radius_m!r} is too narrow for people.legs; wanted"
+                f" {SMALLEST_BODY_M:g} or more"
             )
 
 

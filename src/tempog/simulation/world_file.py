@@ -5,7 +5,7 @@ Lengths are metres, angles degrees, times seconds::
     duration_s = 900.0
     [robot]        waypoints = [[x, y], ...], route = "back and forth" | "round", speed_m_s, turn_deg_s,
                    radius_m, stop_m, heading_deg
-    [people]       number, speed_m_s = [low, high], turn_rate_hz = [low, high], pause_s, radius_m
+    [people]       number, speed_m_s = [low, high], turn_rate_hz = [low, high], pause_s, radius_m, legs
     [[people.track]]  file = "rows of: t person x y", columns = ["t", "person", "x", "y"], rate_hz, scale,
                    rotation_deg, offset = [x, y], start_s
     [laser]        n_beams, fov_deg, rate_hz, max_range_m, sigma_m, dropout
@@ -339,6 +339,7 @@ def _people(table: Table, folder: Path) -> Crowd:
         turn_rate_hz=(rare, often),
         pause_s=table.number("pause_s", default.pause_s),
         radius_m=table.number("radius_m", default.radius_m),
+        legs=table.flag("legs", default.legs),
         tracks=tuple(track for one in table.tables("track") for track in _tracks(one, folder)),
     )
     table.done()

@@ -22,8 +22,8 @@ def assert_nobody_overlaps(simulation):
     radius = world.people.radius_m
     everybody = [(robot, world.robot.radius_m), *((people[:, i], radius) for i in range(people.shape[1]))]
     for points, reach in everybody:
-        for wall in world.walls:
-            assert gaps(points, wall.corners).min() >= reach
+        for _, corners in world.solids:
+            assert gaps(points, corners).min() >= reach
         for k in range(len(world.things)):
             there = np.isfinite(simulation.corners[:, k, 0, 0])
             assert gaps(points[there], simulation.corners[there, k]).min() >= reach

@@ -13,7 +13,7 @@ from tempog.errors import ScanError
 from tempog.scans.carmen_writer import write_carmen
 from tempog.scans.open import open_scans
 from tempog.scans.scan import Scan
-from tempog.simulation import load_world, simulate
+from tempog.simulation import Hit, load_world, simulate
 from tempog.simulation.truth import truth_paths
 
 
@@ -74,6 +74,41 @@ def test_people_who_are_replayed_are_counted(tempog, tmp_path):
     assert "5 people (2 of them replayed), 0 doors" in out
     with np.load(truth_paths(tmp_path / "a.npz")[1]) as arrays:
         assert np.isfinite(arrays["people"][:, :, 0]).sum(axis=0).tolist() == [20, 20, 20, 11, 1]
+
+
+def test_the_truth_in_files_says_where_beams_start_and_end(tempog, tmp_path):
+    world = tmp_path / "some.toml"
+    world.write_text(
+        "[robot]\nwaypoints = [[0, 0], [2, 0]]\n[laser]\nsweep_s = 0.1\nn_beams = 9\n"
+        "[people]\nnumber = 2\nlegs = true\n"
+        "[[wall]]\nline = [[-2, -2], [4, -2], [4, 3], [-2, 3]]\nclosed = true\n"
+        "[[glass]]\nline = [[2, 2], [3, 2]]\n"
+    )
+    log = tmp_path / "a.npz"
+    assert tempog(world, "-o", log, "--duration", 20)[0] == 0
+    as_json, as_npz = truth_paths(log)
+    truth = json.loads(as_json.read_text())
+    assert [wall["corners"] for wall in truth["walls"] if wall["glass"]] == [
+        [[2, 1.99], [3, 1.99], [3, 2.01], [2, 2.01]]
+    ]
+    with np.load(as_npz) as arrays:
+        moved = arrays["sweep_ends"] - arrays["poses"]
+        moved[:, 2] = (moved[:, 2] + np.pi) % (2 * np.pi) - np.pi
+        at = arrays["poses"][:, None] + np.linspace(0, 1, 9)[:, None] * moved[:, None]
+        angles = at[..., 2] + truth["laser"]["angles_rad"]
+        x = at[..., 0] + arrays["distances"] * np.cos(angles)
+        y = at[..., 1] + arrays["distances"] * np.sin(angles)
+        wall = arrays["hits"] == Hit.WALL
+        to_wall = np.minimum(abs(x - 1) - (3 - 0.075), abs(y - 0.5) - (2.5 - 0.075))
+        off = np.minimum(abs(abs(x - 1) - 2.925), abs(abs(y - 0.5) - 2.425))
+        assert wall.sum() > 1000
+        assert off[wall].max() < 1e-9
+        assert to_wall[wall].max() < 1e-9
+        person = np.argwhere(arrays["hits"] == Hit.PERSON)
+        for scan, beam in person:  # legs swing a stride ahead of and behind the middle
+            middles = arrays["people"][scan]
+            assert np.hypot(middles[:, 0] - x[scan, beam], middles[:, 1] - y[scan, beam]).min() < 0.5
+        assert len(person) > 10
 
 
 def test_what_is_there_is_replaced_only_by_force(tempog, tmp_path):

@@ -57,6 +57,7 @@ def truths(draw):
         person_radius_m=0.25,
         t=np.arange(n_scans) * 0.1,
         poses=poses,
+        sweep_ends=poses,
         distances=distances,
         hits=np.where(hit_things >= 0, Hit.BOX, Hit.NOTHING).astype(np.uint8),
         hit_things=hit_things,

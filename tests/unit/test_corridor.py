@@ -72,7 +72,9 @@ def test_the_robot_sees_where_the_open_leaf_stands_while_the_door_is_closed(driv
     looked_across = 0
     for k in np.flatnonzero(drive.places[:, 0] == CLOSED):
         x, y, theta = drive.poses[k]
-        cast_beams(x, y, theta + drive.world.laser.angles, place, np.empty((0, 3)), math.inf, distance, hit)
+        x, y = np.full(181, x), np.full(181, y)
+        glass = np.zeros((0, 181), dtype=np.uint8)
+        cast_beams(x, y, theta + drive.world.laser.angles, place, np.empty((0, 3)), glass, math.inf, distance, hit)
         looked_across += np.count_nonzero(drive.distances[k] > distance)
     assert looked_across > 300
 

@@ -21,7 +21,9 @@ def cast(x, y, angles, segments, discs, max_range=math.inf):
     hit = np.full(len(angles), -99, dtype=np.int32)
     segments = np.asarray(segments, dtype=np.float64).reshape(-1, 4)
     discs = np.asarray(discs, dtype=np.float64).reshape(-1, 3)
-    cast_beams(x, y, np.asarray(angles, dtype=np.float64), segments, discs, float(max_range), distance, hit)
+    x, y = np.broadcast_to(float(x), len(angles)).copy(), np.broadcast_to(float(y), len(angles)).copy()
+    glass = np.zeros((0, len(angles)), dtype=np.uint8)
+    cast_beams(x, y, np.asarray(angles, dtype=np.float64), segments, discs, glass, float(max_range), distance, hit)
     return distance, hit
 
 

@@ -14,6 +14,7 @@ from slow_beams import slow_distances
 from tempog.errors import ConfigError, WorldError
 from tempog.simulation import (
     Crowd,
+    Glass,
     Hit,
     Laser,
     PoseError,
@@ -430,6 +431,88 @@ def test_legs_change_nobodys_way():
     assert plain.legs is None
 
 
+# --- glass ---
+
+PANES = (Glass((-1.0, 1.0), (1.0, 1.2), 0.02, 0.7), Glass((1.0, -1.5), (1.0, 1.5), 0.05, 0.25))
+
+
+def test_beams_pass_glass_or_end_on_it_and_never_elsewhere():
+    world = World(STANDING, SQUARE, glass=PANES, laser=Laser(n_beams=91, fov_rad=1.9 * math.pi, max_range_m=2.4))
+    simulation = simulate(world, 4.0, seed=5)
+    walls = np.concatenate([outline(wall.corners) for wall in SQUARE])
+    panes = [outline(pane.corners) for pane in PANES]
+    met, passed = np.zeros(2), np.zeros(2)
+    for beam, angle in enumerate(world.laser.angles):
+        to_wall = slow_distances(0.0, 0.0, angle, walls, []).min()
+        to_panes = [slow_distances(0.0, 0.0, angle, pane, []).min() for pane in panes]
+        possible = {(min(to_wall, 2.4), Hit.WALL if to_wall < 2.4 else Hit.NOTHING)} | {
+            (d, Hit.GLASS) for d in to_panes if d < min(to_wall, 2.4)
+        }
+        for distance, hit in zip(simulation.distances[:, beam], simulation.hits[:, beam], strict=True):
+            assert any(abs(min(distance, 2.4) - d) < 1e-9 and hit == h for d, h in possible)
+        order = np.argsort(to_panes)
+        if np.isfinite(to_panes[order[0]]):
+            met[order[0]] += 40
+            passed[order[0]] += np.count_nonzero(abs(simulation.distances[:, beam] - to_panes[order[0]]) > 1e-9)
+    np.testing.assert_allclose(passed / met, [0.7, 0.25], atol=0.05)
+    again, other = simulate(world, 4.0, seed=5), simulate(world, 4.0, seed=6)
+    np.testing.assert_array_equal(again.hits, simulation.hits)
+    assert (other.hits != simulation.hits).any()
+
+
+@pytest.mark.parametrize(("pass_share", "hits"), [(0.0, {Hit.GLASS}), (1.0, {Hit.WALL})])
+def test_all_or_no_beams_pass(pass_share, hits):
+    pane = Glass((1.0, -1.9), (1.0, 1.9), pass_share=pass_share)
+    world = World(STANDING, SQUARE, glass=(pane,), laser=replace(QUIET, fov_rad=1.0, n_beams=7))
+    assert set(simulate(world, 1.0).hits.ravel()) == hits
+
+
+def test_nobody_walks_through_glass():
+    panes = (Glass((4.0, 0.0), (4.0, 4.0), pass_share=1.0),)
+    world = World(Route(((1.0, 2.0), (3.0, 2.0))), ROOM, (), Crowd(8, (0.8, 1.5)), FEW_BEAMS, glass=panes)
+    simulation = simulate(world, 90.0)
+    assert_nobody_overlaps(simulation)
+    assert simulation.people[..., 0].max() < 3.75
+    assert simulation.people[..., 0].min() < 1.0
+
+
+# --- a laser that sweeps ---
+
+
+def test_beams_of_a_sweep_start_where_the_laser_is_by_then():
+    walk = Track([(0.0, 7.0, 3.0), (20.0, 1.0, 3.0)])
+    route = Route(((1.0, 1.0), (7.0, 1.0), (7.0, 3.0)), speed_m_s=1.0, turn_rad_s=2.0)
+    laser = Laser(n_beams=31, sweep_s=0.08, sigma_m=0.0, dropout=0.0)
+    simulation = simulate(World(route, ROOM, (), Crowd(tracks=(walk,)), laser), 20.0)
+    instant = simulate(World(route, ROOM, (), Crowd(tracks=(walk,)), replace(laser, sweep_s=0.0)), 20.0)
+    np.testing.assert_array_equal(simulation.poses, instant.poses)
+    np.testing.assert_array_equal(instant.poses, instant.sweep_ends)
+    faces = np.concatenate([outline(wall.corners) for wall in ROOM])
+    turns = drives = 0
+    for k in range(0, len(simulation.t) - 1, 7):
+        x, y, theta = simulation.poses[k]
+        step = simulation.poses[k + 1] - simulation.poses[k]
+        step[2] = math.remainder(step[2], 2 * math.pi)
+        turns += abs(step[2]) > 0.1
+        drives += abs(step[:2]).max() > 0.05
+        for i in range(31):
+            u = 0.8 * i / 30  # of the way to the next scan
+            angle = theta + u * step[2] + laser.angles[i]
+            start = (x + u * step[0], y + u * step[1])
+            expected = slow_distances(*start, angle, faces, [(*simulation.people[k, 0], 0.25)]).min()
+            if expected < laser.max_range_m:
+                assert simulation.distances[k, i] == pytest.approx(expected, abs=1e-9)
+                end = np.array(start) + expected * np.array([math.cos(angle), math.sin(angle)])
+                np.testing.assert_allclose(simulation.end_points[k, i], end, atol=1e-9)
+            else:
+                assert np.isnan(simulation.end_points[k, i]).all()
+    assert turns > 2
+    assert drives > 10
+    assert abs(simulation.distances - instant.distances)[np.isfinite(simulation.distances)].max() > 0.05
+    scan = simulation.scans[-1]
+    np.testing.assert_allclose((scan.x, scan.y, scan.theta), simulation.poses[-1])
+
+
 # --- what cannot be ---
 
 
@@ -439,6 +522,13 @@ def test_legs_change_nobodys_way():
         (lambda: simulate(World(DRIVING, ROOM), 0.0), "duration_s = 0.0"),
         (lambda: Wall(((0.0, 0.0), (1.0, 0.0))), "2 corners"),
         (lambda: Laser(n_beams=0), "n_beams = 0"),
+        (lambda: Laser(sweep_s=0.11), r"sweep_s = 0\.11 .* 10 scans a second; wanted 0 to 0\.1 s"),
+        (lambda: Glass((0, 0), (1, 0), pass_share=1.2), r"pass_share = 1\.2"),
+        (lambda: Glass((0, 0), (0, 0)), "glass stays at"),
+        (
+            lambda: World(DRIVING, ROOM, glass=(Glass((4.0, 1.0), (4.0, 3.0)),)),
+            r"the way from .* is 0\.00 m from the glass around \(4\.00, 2\.00\) m",
+        ),
         (lambda: Crowd(legs=True, radius_m=0.2), r"people\.radius_m = 0\.2 is too narrow for people\.legs"),
         (lambda: Laser(dropout=1.5), "dropout = 1.5"),
         (

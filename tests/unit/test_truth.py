@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from tempog.errors import EmptyWindowError, TruthError
-from tempog.simulation import Hit, load_world, simulate
+from tempog.simulation import Glass, Hit, load_world, simulate
+from tempog.simulation.cell_sets import contained
 from tempog.simulation.truth import ARRAYS, ThingTruth, Truth, WallTruth, read_truth, truth_paths, write_truth
 
 
@@ -37,6 +38,7 @@ def facing_a_wall(distance=2.0, **changes):
         "person_radius_m": 0.25,
         "t": np.arange(4.0),
         "poses": np.zeros((4, 3)),
+        "sweep_ends": np.zeros((4, 3)),
         "distances": distances,
         "hits": np.full((4, 3), Hit.WALL, dtype=np.uint8),
         "hit_things": np.full((4, 3), -1, dtype=np.int16),
@@ -151,3 +153,25 @@ def test_states_name_places_and_moves():
     truth = facing_a_wall(things=(door,), places=places)
     assert truth.states(0) == [(100.0, "closed"), (101.0, "moving"), (102.0, "open")]
     assert math.isclose(truth.stamps_s[-1], 103.0)
+
+
+def test_beams_of_a_sweeping_laser_end_where_the_simulation_says(tmp_path):
+    hallway = load_world("hallway")
+    simulation = simulate(replace(hallway, laser=replace(hallway.laser, sweep_s=0.08)), duration_s=12.0)
+    write_truth(tmp_path / "log.npz", simulation)
+    truth = read_truth(tmp_path / "log.npz")
+    scans, beams = np.nonzero(np.isfinite(truth.distances))
+    assert abs(truth.sweep_ends - truth.poses).max() > 0.01
+    np.testing.assert_allclose(truth.ends(scans, beams), simulation.end_points[scans, beams], atol=1e-5)
+
+
+def test_glass_is_a_wall_that_nobody_has_to_find():
+    hallway = load_world("hallway")
+    pane = Glass(start=(6.125, 3.1), end=(7.325, 3.1), thickness_m=0.02, pass_share=0.5)
+    truth = Truth.of(simulate(replace(hallway, glass=(pane,)), duration_s=30.0))
+    glass = truth.static_cells(0.05, glass=True)
+    assert 23 <= len(glass) <= 2 * 26  # 1.2 m long, and astride two rows of cells
+    assert not contained(glass, truth.static_cells(0.05)).any()
+    ends = truth.end_cells(Hit.GLASS, 0.05)
+    assert len(ends) > 5
+    assert contained(ends, truth.static_seen(0.05)).sum() <= 2  # where the pane meets the wall at either side

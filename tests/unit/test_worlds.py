@@ -81,6 +81,14 @@ def test_an_opening_is_cut_and_a_block_is_a_wall(load):
     assert covered(world, (2.1, 2.1))
 
 
+def test_glass_cuts_the_wall_it_stands_in(load):
+    world = load(ROOM + "[[glass]]\nline = [[2, 3], [3, 3], [3, 2]]\npass_share = 0.5\nthickness_m = 0.03\n")
+    assert [(pane.start, pane.end) for pane in world.glass] == [((2, 3), (3, 3)), ((3, 3), (3, 2))]
+    assert (world.glass[0].pass_share, world.glass[0].thickness_m) == (0.5, 0.03)
+    assert not covered(world, (2.5, 3.0))
+    assert covered(world, (1.95, 3.0))
+
+
 def test_the_hallway_is_the_papers():
     world = load_world("hallway")
     assert [thing.name for thing in world.things] == [f"D{k}" for k in range(1, 9)]
@@ -149,6 +157,10 @@ def test_a_box_has_its_places_at_its_middle(load):
             ROOM + "[[people.track]]\nfile = 'some.toml'\ncolumns = ['t', 'x']\n",
             ["people.track[0]", "columns = ['t', 'x']", "once each"],
         ),
+        (ROOM + "[[glass]]\nline = [[2, 2], [3, 2]]\npass = 1\n", ["glass[0].pass", "no known key", "pass_share"]),
+        (ROOM + "[[glass]]\nline = [[2, 2], [3, 2]]\npass_share = 2\n", ["glass[0]", "pass_share = 2.0"]),
+        (ROOM + "[laser]\nsweep_s = 0.2\n", ["sweep_s = 0.2", "10 scans a second", "0.1 s"]),
+        (ROOM + "[people]\nlegs = 1\n", ["people.legs", "true or false"]),
         ("x = [", ["cannot read", "some.toml"]),
     ],
 )

@@ -10,11 +10,12 @@ from tempog.simulation.corridor import corridor
 from tempog.simulation.simulate import simulate
 from tempog.simulation.simulation import Hit, Simulation
 from tempog.simulation.tracks import Track
-from tempog.simulation.world import Crowd, Laser, PoseError, Route, Thing, Wall, World
+from tempog.simulation.world import Crowd, Glass, Laser, PoseError, Route, Thing, Wall, World
 from tempog.simulation.world_file import load_world
 
 __all__ = [
     "Crowd",
+    "Glass",
     "Hit",
     "Laser",
     "PoseError",

@@ -20,7 +20,7 @@ CLEAR_OF_ROBOT_M = 0.5  # at the start
 def plan_floor(world: World, walls: NDArray[np.float64], rng: np.random.Generator) -> Floor:
     """The grid that people plan on, and their goals: anywhere that can be walked to from the robot's start.
 
-    walls (n_segments, 4) are the faces of all walls.
+    walls (n_segments, 4) are the faces of all walls and panes.
     """
     (x0, y0), mask = _wall_mask(world, walls)
     inside = np.argwhere(_reached(mask, world.robot.waypoints[0], (x0, y0)))
@@ -88,8 +88,8 @@ def _wall_mask(world: World, walls: NDArray[np.float64]) -> tuple[tuple[float, f
         sx, sy = bx - ax, by - ay
         u = np.clip(((x - ax) * sx + (y - ay) * sy) / (sx * sx + sy * sy), 0.0, 1.0)
         mask[np.hypot(ax + u * sx - x, ay + u * sy - y) < world.people.radius_m + 0.01] = 1
-    for wall in world.walls:
-        sides = outline(wall.corners)
+    for _, corners in world.solids:
+        sides = outline(corners)
         left = [(x1 - x0) * (y - y0) - (y1 - y0) * (x - x0) > 0 for x0, y0, x1, y1 in sides]
         mask[np.all(left, axis=0) | ~np.any(left, axis=0)] = 1
     return (float(low[0]), float(low[1])), mask

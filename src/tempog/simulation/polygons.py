@@ -86,6 +86,14 @@ def placed(rectangle: NDArray[np.float64], pose: Pose) -> NDArray[np.float64]:
     return np.asarray(rectangle @ np.array([[c, s], [-s, c]]) + (x, y))
 
 
+def strip_corners(start: Point, end: Point, thickness_m: float) -> NDArray[np.float64]:
+    """The corners of a strip with the given middle line, (4, 2) metres."""
+    p, q = np.array(start, dtype=np.float64), np.array(end, dtype=np.float64)
+    along = (q - p) / np.hypot(*(q - p))
+    across = np.array([-along[1], along[0]]) * thickness_m / 2
+    return np.array([p - across, q - across, q + across, p + across])
+
+
 def check_wall(corners: tuple[Point, ...], key: str) -> None:
     """Raise WorldError for a wall that is no convex polygon with an inside."""
     points = np.array(corners, dtype=np.float64)

@@ -11,7 +11,7 @@ from tempog.errors import WorldError
 from tempog.scans.scan import Scan
 from tempog.simulation.legs import LEG_RADIUS_M, Legs
 from tempog.simulation.polygons import outline
-from tempog.simulation.simulation import MOVING, START_S, Hit, Simulation
+from tempog.simulation.simulation import MOVING, START_S, Hit, Simulation, beams_of, turned
 from tempog.simulation.world import Laser, PoseError, World
 
 LONGEST_STEP_S = 0.05  # nobody moves more than 8 cm at once, less than half of anybody
@@ -31,7 +31,7 @@ def simulate(world: World, duration_s: float | None = None, seed: int = 0, peopl
     duration_s : float, seconds, optional
         Default: `world.duration_s`. The first scan is taken at 0 s, the last before `duration_s`.
     seed : int
-        Of people, dwell times, noise and pose error. The same seed gives the same simulation.
+        Of people, dwell times, glass, noise and pose error. The same seed gives the same simulation.
     people : int, optional
         How many walk, instead of `world.people.number`; tracks are replayed all the same.
 
@@ -71,8 +71,8 @@ def simulate(world: World, duration_s: float | None = None, seed: int = 0, peopl
         raise WorldError(f"duration_s = {duration_s!r} leaves nothing to simulate; wanted seconds above 0")
     laser, robot, crowd, things = world.laser, world.robot, world.people, world.things
     noise_rng = np.random.default_rng(seed)
-    error_rng, people_rng, *thing_rngs = (
-        np.random.default_rng(sequence) for sequence in np.random.SeedSequence(seed).spawn(2 + len(things))
+    error_rng, people_rng, glass_rng, *thing_rngs = (
+        np.random.default_rng(sequence) for sequence in np.random.SeedSequence(seed).spawn(3 + len(things))
     )
     n_scans = int(np.ceil(round(duration_s * laser.rate_hz, 6)))
     t = np.arange(n_scans) / laser.rate_hz
@@ -120,12 +120,13 @@ def simulate(world: World, duration_s: float | None = None, seed: int = 0, peopl
         pose=pose,
     )
 
-    walls = np.concatenate([np.empty((0, 4)), *(outline(wall.corners) for wall in world.walls)])
+    solid = np.concatenate([np.empty((0, 4)), *(outline(corners) for _, corners in world.solids)])
+    walls, panes = np.split(solid, [len(solid) - 4 * len(world.glass)])
     n, n_people = crowd.number, crowd.number + len(crowd.tracks)
     where = np.full((n_people, 2), FAR_M)
     floor = None
     if n:
-        floor = plan_floor(world, walls, people_rng)
+        floor = plan_floor(world, solid, people_rng)
         where[:n] = start_places(world, floor, corners, people_rng)
     traits = np.column_stack([people_rng.uniform(*crowd.speed_m_s, n), people_rng.uniform(*crowd.turn_rate_hz, n)])
     mind = np.zeros((n, 7))
@@ -146,7 +147,10 @@ def simulate(world: World, duration_s: float | None = None, seed: int = 0, peopl
         velocity=np.zeros((len(stops), 2)),
     )
 
-    segments = np.concatenate([walls, np.zeros((4 * len(things), 4))])
+    segments = np.concatenate([walls, np.zeros((4 * len(things), 4)), panes])
+    things_at = slice(len(walls), len(walls) + 4 * len(things))
+    passes = np.zeros((len(world.glass), laser.n_beams), dtype=np.uint8)
+    pass_share = np.array([[pane.pass_share] for pane in world.glass]).reshape(-1, 1)
     legs = Legs(n_people, crowd.radius_m) if crowd.legs else None
     all_legs = np.empty((n_scans, n_people, 2, 2)) if crowd.legs else None
     discs = np.full((n_people, 3), crowd.radius_m) if legs is None else np.full((2 * n_people, 3), LEG_RADIUS_M)
@@ -157,9 +161,10 @@ def simulate(world: World, duration_s: float | None = None, seed: int = 0, peopl
         faces = slice(len(walls) + 4 * k, len(walls) + 4 * k + 4)
         kinds[faces] = Hit.BOX if thing.kind == "box" else Hit.DOOR
         owner[faces] = k
+    kinds[things_at.stop : len(segments)] = Hit.GLASS
     kinds[len(segments) : -1] = Hit.PERSON
 
-    poses = np.empty((n_scans, 3))
+    poses, sweep_ends = np.empty((n_scans, 3)), np.empty((n_scans, 3))
     positions = np.empty((n_scans, n_people, 2))
     all_corners = np.empty((n_scans, len(things), 4, 2))
     places = np.empty((n_scans, len(things)), dtype=np.int16)
@@ -172,20 +177,34 @@ def simulate(world: World, duration_s: float | None = None, seed: int = 0, peopl
         positions[i] = np.where(where < FAR_M / 2, where, np.nan)
         all_corners[i] = np.where(corners < FAR_M / 2, corners, np.nan)
         places[i] = np.where(moving_things.fraction >= 1.0, moving_things.travel[:, 1] - place_start[:-1], MOVING)
-        segments[len(walls) :, :2] = all_corners[i].reshape(-1, 2)
-        segments[len(walls) :, 2:] = np.roll(all_corners[i], -1, axis=1).reshape(-1, 2)
+        segments[things_at, :2] = all_corners[i].reshape(-1, 2)
+        segments[things_at, 2:] = np.roll(all_corners[i], -1, axis=1).reshape(-1, 2)
         if legs is None or all_legs is None:
             discs[:, :2] = positions[i]
         else:
             all_legs[i] = legs.step(positions[i])
             discs[:, :2] = all_legs[i].reshape(-1, 2)
-        cast_beams(
-            pose[0], pose[1], pose[2] + laser.angles, segments, discs, float(laser.max_range_m), distances[i], ids[i]
-        )
         if floor is None:
             advance_without_walkers(t[i], dt, n_steps, moving_things, moving_robot, moving_people, tracks, epoch)
         else:
-            advance(t[i], dt, n_steps, people_rng, walls, moving_things, moving_robot, moving_people, tracks, floor)
+            advance(t[i], dt, n_steps, people_rng, solid, moving_things, moving_robot, moving_people, tracks, floor)
+        sweep_ends[i] = poses[i]
+        if laser.sweep_s:
+            sweep_ends[i] += turned(pose - poses[i]) * laser.sweep_s * laser.rate_hz
+        starts, angles = beams_of(laser, poses[i], sweep_ends[i])
+        if len(passes):
+            passes[:] = glass_rng.random(passes.shape) < pass_share
+        cast_beams(
+            starts[:, 0],
+            starts[:, 1],
+            angles,
+            segments,
+            discs,
+            passes,
+            float(laser.max_range_m),
+            distances[i],
+            ids[i],
+        )
 
     told = poses + pose_errors(world.pose_error, t, error_rng)
     return Simulation(
@@ -194,6 +213,7 @@ def simulate(world: World, duration_s: float | None = None, seed: int = 0, peopl
         scans=take_scans(laser, t, told, distances, noise_rng),
         t=t,
         poses=poses,
+        sweep_ends=sweep_ends,
         distances=distances,
         hits=kinds[ids],
         hit_things=owner[ids],

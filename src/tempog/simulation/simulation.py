@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tempog.errors import WorldError
 from tempog.scans.scan import Scan
 from tempog.simulation.polygons import covered_cells, outline
-from tempog.simulation.world import World
+from tempog.simulation.world import Laser, World
 
 START_S = 1_750_000_000  # s, Unix: every simulation starts on 15 June 2025, 15:06:40 UTC
 MOVING = -1  # instead of a place
@@ -25,6 +25,7 @@ class Hit(IntEnum):
     DOOR = 2
     PERSON = 3
     BOX = 4
+    GLASS = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +41,9 @@ class Simulation:
     t : (n_scans,) float64, seconds
         Since the start of the simulation; the scans' own clock starts at `START_S`.
     poses : (n_scans, 3) float64
-        True pose of the laser: x, y, theta; metres, metres, radians.
+        True pose of the laser at t: x, y, theta; metres, metres, radians.
+    sweep_ends : (n_scans, 3) float64
+        True pose at the end of each sweep, `Laser.sweep_s` later. In between it moves evenly.
     distances : (n_scans, n_beams) float64, metres
         Without noise and drop-outs; +inf where there is nothing within the laser's range.
     hits : (n_scans, n_beams) uint8
@@ -62,6 +65,7 @@ class Simulation:
     scans: list[Scan]
     t: NDArray[np.float64]
     poses: NDArray[np.float64]
+    sweep_ends: NDArray[np.float64]
     distances: NDArray[np.float64]
     hits: NDArray[np.uint8]
     hit_things: NDArray[np.int16]
@@ -69,6 +73,20 @@ class Simulation:
     corners: NDArray[np.float64]
     people: NDArray[np.float64]
     legs: NDArray[np.float64] | None = None
+
+    def beams(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Where each beam truly starts, (n_scans, n_beams, 2) metres, and its direction, (n_scans, n_beams) radians.
+
+        Both are in the map frame.
+        """
+        return beams_of(self.world.laser, self.poses, self.sweep_ends)
+
+    @property
+    def end_points(self) -> NDArray[np.float64]:
+        """Where each beam truly ends in the map frame, (n_scans, n_beams, 2) metres; NaN where it hits nothing."""
+        starts, angles = self.beams()
+        distances = np.where(np.isfinite(self.distances), self.distances, np.nan)
+        return np.asarray(starts + distances[..., None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1))
 
     def states(self, name: str) -> list[tuple[float, str]]:
         """A thing's states as (t, state from then on), of places' names and "moving".
@@ -90,7 +108,7 @@ class Simulation:
         return outline(self.world.things[self._index(name)].corners(place))
 
     def static_cells(self, resolution_m: float) -> NDArray[np.int64]:
-        """The cells that walls cover, inside included; (n_cells, 2) [row, col], sorted, each once."""
+        """The cells that walls (not glass) cover, inside included; (n_cells, 2) [row, col], sorted, each once."""
         cells = [covered_cells(wall.corners, resolution_m) for wall in self.world.walls]
         return np.unique(np.concatenate([np.empty((0, 2), dtype=np.int64), *cells]), axis=0)
 
@@ -100,3 +118,21 @@ class Simulation:
                 return k
         names = ", ".join(thing.name for thing in self.world.things) or "nothing"
         raise WorldError(f"there is no {name!r} in this world; wanted one of {names}")
+
+
+def beams_of(
+    laser: Laser, poses: NDArray[np.float64], sweep_ends: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Starts (..., n_beams, 2) and directions (..., n_beams) of beams in the map frame, from poses (..., 3)."""
+    x, y, theta = poses[..., None, 0], poses[..., None, 1], poses[..., None, 2] + laser.angles
+    if laser.sweep_s:
+        moved = laser.shares[:, None] * turned(sweep_ends - poses)[..., None, :]
+        x, y, theta = x + moved[..., 0], y + moved[..., 1], theta + moved[..., 2]
+    starts = np.empty((*theta.shape, 2))
+    starts[..., 0], starts[..., 1] = x, y
+    return starts, theta
+
+
+def turned(step: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The difference (..., 3) of two poses, the turn being the shorter one."""
+    return np.concatenate([step[..., :2], (step[..., 2:] + np.pi) % (2 * np.pi) - np.pi], axis=-1)

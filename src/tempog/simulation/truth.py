@@ -21,11 +21,11 @@ from tempog._files import whole_file
 from tempog.errors import EmptyWindowError, TruthError
 from tempog.simulation.cell_sets import cells_at, contained, unique_cells
 from tempog.simulation.polygons import covered_cells
-from tempog.simulation.simulation import MOVING, START_S, Hit, Simulation
+from tempog.simulation.simulation import MOVING, START_S, Hit, Simulation, turned
 
 FORMAT = "tempog-truth"
 VERSION = 1
-ARRAYS = ("t", "poses", "distances", "hits", "hit_things", "places", "corners", "people")
+ARRAYS = ("t", "poses", "sweep_ends", "distances", "hits", "hit_things", "places", "corners", "people")
 SUFFIXES = (".truth.json", ".truth.npz")
 SAME_STAMP_S = 1e-3  # logs keep microseconds, and no laser takes a thousand scans a second
 INTO_M = 1e-6  # an end point on the border of two cells belongs to the one that the beam would go into
@@ -65,7 +65,9 @@ class Truth:
     t : (n_scans,) float64, seconds
         Since `start_s`.
     poses : (n_scans, 3) float64
-        Of the laser: x, y, theta; metres, metres, radians.
+        Of the laser at its first beam: x, y, theta; metres, metres, radians.
+    sweep_ends : (n_scans, 3) float64
+        The same at its last beam; in between it moves evenly, and turns the shorter way round.
     distances : (n_scans, n_beams) float64, metres
         +inf where nothing was within the laser's range.
     hits : (n_scans, n_beams) uint8
@@ -89,6 +91,7 @@ class Truth:
     person_radius_m: float
     t: NDArray[np.float64]
     poses: NDArray[np.float64]
+    sweep_ends: NDArray[np.float64]
     distances: NDArray[np.float64]
     hits: NDArray[np.uint8]
     hit_things: NDArray[np.int16]
@@ -103,9 +106,9 @@ class Truth:
         return cls(
             world=world.name,
             start_s=float(START_S),
-            walls=tuple(
-                WallTruth(np.array(wall.corners, dtype=np.float64), bool(getattr(wall, "glass", False)))
-                for wall in world.walls
+            walls=(
+                *(WallTruth(np.array(wall.corners, dtype=np.float64)) for wall in world.walls),
+                *(WallTruth(np.array(pane.corners, dtype=np.float64), glass=True) for pane in world.glass),
             ),
             things=tuple(
                 ThingTruth(thing.name, thing.kind, {place: thing.corners(place) for place in thing.places})
@@ -162,8 +165,12 @@ class Truth:
     def _starts(
         self, scans: NDArray[np.int64], beams: NDArray[np.int64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        x, y, theta = self.poses.T
-        return x[scans], y[scans], theta[scans] + self.angles[beams]
+        done = np.linspace(0.0, 1.0, len(self.angles))[beams]  # share of the sweep
+        x, y, theta = (
+            first[scans] + done * step[scans]
+            for first, step in zip(self.poses.T, turned(self.sweep_ends - self.poses).T, strict=True)
+        )
+        return x, y, theta + self.angles[beams]
 
     def end_cells(self, hit: Hit, resolution_m: float) -> NDArray[np.int64]:
         """The cells in which beams ended on something of a kind, in any scan; (n_cells, 2), sorted."""
@@ -294,6 +301,7 @@ def read_truth(path: str | Path) -> Truth:
     wanted = {
         "t": (n_scans,),
         "poses": (n_scans, 3),
+        "sweep_ends": (n_scans, 3),
         "distances": (n_scans, n_beams),
         "hits": (n_scans, n_beams),
         "hit_things": (n_scans, n_beams),

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
 from typing import Literal
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from tempog.errors import ConfigError, WorldError
 from tempog.simulation.legs import SMALLEST_BODY_M
-from tempog.simulation.polygons import Point, Pose, check_wall, disc_gap, leg_gap, middle_text, placed
+from tempog.simulation.polygons import Point, Pose, check_wall, disc_gap, leg_gap, middle_text, placed, strip_corners
 from tempog.simulation.schedules import Never, Schedule
 from tempog.simulation.tracks import Track
 
@@ -42,6 +43,39 @@ class Wall:
     def box(cls, x_min: float, y_min: float, x_max: float, y_max: float) -> Wall:
         """A rectangle along the axes of the map; metres."""
         return cls(((x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max)))
+
+
+@dataclass(frozen=True)
+class Glass:
+    """A straight pane that some beams pass through, and nobody else.
+
+    Attributes
+    ----------
+    start, end : (x, y), metres
+        Along its middle.
+    thickness_m : float, metres
+    pass_share : float, 0..1
+        How many of the beams that meet it pass, drawn anew for each beam and scan. It returns the others.
+    """
+
+    start: Point
+    end: Point
+    thickness_m: float = 0.02
+    pass_share: float = 0.9
+
+    def __post_init__(self) -> None:
+        if not (0 < self.thickness_m < math.inf and 0 <= self.pass_share <= 1):
+            raise WorldError(
+                f"glass: thickness_m = {self.thickness_m!r}, pass_share = {self.pass_share!r}; wanted metres above 0"
+                " and a share in 0..1"
+            )
+        if math.dist(self.start, self.end) == 0:
+            raise WorldError(f"glass stays at {self.start}; wanted two points that differ")
+
+    @property
+    def corners(self) -> NDArray[np.float64]:
+        """Its corners, (4, 2) metres."""
+        return strip_corners(self.start, self.end, self.thickness_m)
 
 
 @dataclass(frozen=True)
@@ -213,7 +247,7 @@ class Route:
 
 @dataclass(frozen=True)
 class Laser:
-    """A planar range finder that takes all beams of a scan at one moment.
+    """A planar range finder that takes the beams of a scan one after the other, or all at one moment.
 
     Attributes
     ----------
@@ -227,6 +261,9 @@ class Laser:
         Standard deviation of the Gaussian noise on each range.
     dropout : float, 0..1
         Share of the returns that are lost.
+    sweep_s : float, seconds
+        From the first beam to the last; at most the time between scans. The laser moves on in the meantime,
+        but a scan carries the pose of its first beam, as logs do. Everybody else is taken to stand still.
     """
 
     n_beams: int = 181
@@ -235,6 +272,7 @@ class Laser:
     max_range_m: float = 8.0
     sigma_m: float = 0.01
     dropout: float = 0.005
+    sweep_s: float = 0.0
 
     def __post_init__(self) -> None:
         if not (self.n_beams >= 1 and self.rate_hz > 0 and self.max_range_m > 0):
@@ -248,12 +286,23 @@ class Laser:
                 " or more and a share in 0..1"
             )
 
-    @property
+        if not 0 <= self.sweep_s * self.rate_hz <= 1 + 1e-9:
+            raise ConfigError(
+                f"a laser of sweep_s = {self.sweep_s!r} that takes {self.rate_hz:g} scans a second; wanted 0 to"
+                f" {1 / self.rate_hz:g} s"
+            )
+
+    @cached_property
     def angles(self) -> NDArray[np.float64]:
         """(n_beams,) radians in the laser frame, from right to left."""
         if self.n_beams == 1:
             return np.zeros(1)
         return np.linspace(-self.fov_rad / 2, self.fov_rad / 2, self.n_beams)
+
+    @cached_property
+    def shares(self) -> NDArray[np.float64]:
+        """(n_beams,) how far the sweep is when each beam is taken, 0..1."""
+        return np.linspace(0.0, 1.0, self.n_beams)
 
 
 @dataclass(frozen=True)
@@ -303,6 +352,7 @@ class World:
     pose_error: PoseError = PoseError()
     duration_s: float = 60.0
     name: str = ""
+    glass: tuple[Glass, ...] = ()
 
     def __post_init__(self) -> None:
         if not 0 < self.duration_s < math.inf:
@@ -315,22 +365,27 @@ class World:
                 raise WorldError(f"{thing.label} is there twice; wanted every name once")
         self._check_waypoints()
 
+    @property
+    def solids(self) -> list[tuple[str, NDArray[np.float64]]]:
+        """Everything that never moves and lets nobody through: what it is, and its corners (n_corners, 2)."""
+        walls = [("wall", np.array(wall.corners)) for wall in self.walls]
+        return walls + [("glass", pane.corners) for pane in self.glass]
+
     def _check_waypoints(self) -> None:
         robot = self.robot
         stops = robot.round_trip
         legs = list(zip(stops, (*stops[1:], stops[0]), strict=True))
-        for wall in self.walls:
-            corners = np.array(wall.corners)
+        for what, corners in self.solids:
             for k, point in enumerate(robot.waypoints):
                 if (gap := disc_gap(point, corners)) < robot.radius_m:
                     raise WorldError(
-                        f"robot.waypoints: number {k}, {point}, is {gap:.2f} m from the wall around"
+                        f"robot.waypoints: number {k}, {point}, is {gap:.2f} m from the {what} around"
                         f" {middle_text(corners)}; wanted {robot.radius_m:g} m, the robot's radius, or more"
                     )
             for start, end in legs:
                 if (gap := leg_gap(start, end, corners)) < robot.radius_m:
                     raise WorldError(
-                        f"robot.waypoints: the way from {start} to {end} is {gap:.2f} m from the wall around"
+                        f"robot.waypoints: the way from {start} to {end} is {gap:.2f} m from the {what} around"
                         f" {middle_text(corners)}; wanted {robot.radius_m:g} m, the robot's radius, or more"
                     )
         for thing in self.things:

@@ -8,10 +8,11 @@ Lengths are metres, angles degrees, times seconds::
     [people]       number, speed_m_s = [low, high], turn_rate_hz = [low, high], pause_s, radius_m, legs
     [[people.track]]  file = "rows of: t person x y", columns = ["t", "person", "x", "y"], rate_hz, scale,
                    rotation_deg, offset = [x, y], start_s
-    [laser]        n_beams, fov_deg, rate_hz, max_range_m, sigma_m, dropout
+    [laser]        n_beams, fov_deg, rate_hz, max_range_m, sigma_m, dropout, sweep_s
     [pose_error]   white_m, white_deg, drift_m, drift_deg, drift_s
     [[wall]]       line = [[x, y], ...] along its middle, thickness_m, closed; or corners of a convex block
     [[opening]]    from = [x, y], to = [x, y], along the middle of a wall
+    [[glass]]      line = [[x, y], ...] along its middle, thickness_m, pass_share
     [door.NAME]    hinge = [x, y], length_m, thickness_m, places = {closed = 0, open = 90}, initial, move_s;
                    or, sliding: closed = [x, y], open = [x, y], direction_deg instead of hinge and places
     [box.NAME]     size_m = [length, width], places = {here = [x, y, deg], ...}, initial, move_s
@@ -19,7 +20,7 @@ Lengths are metres, angles degrees, times seconds::
                    daily = [["08:00", "open"], ...] and weekly.mon = [...], with start = "mon 07:59:30";
                    series = "file", values = ["closed", "open"], period_s, speed
 
-A door cuts the wall it stands in when closed, so walls are drawn without thinking of doors.
+A door cuts the wall it stands in when closed, and so does glass; walls are drawn without thinking of either.
 """
 
 from __future__ import annotations
@@ -35,11 +36,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tempog.errors import ConfigError, WorldError
-from tempog.simulation.polygons import Point, Pose, check_wall, placed
+from tempog.simulation.polygons import Point, Pose, check_wall, placed, strip_corners
 from tempog.simulation.schedules import DAY_S, DAYS, Dwell, Listed, Move, Never, Schedule, Weekly, read_series
 from tempog.simulation.tables import Table, to_number
 from tempog.simulation.tracks import Track, read_tracks
-from tempog.simulation.world import Crowd, Laser, PoseError, Route, Thing, Wall, World
+from tempog.simulation.world import Crowd, Glass, Laser, PoseError, Route, Thing, Wall, World
 
 PACKAGED = Path(__file__).with_name("worlds")
 CLOCK = re.compile(r"(?:(mon|tue|wed|thu|fri|sat|sun) )?(\d\d):(\d\d)(?::(\d\d))?")
@@ -94,6 +95,11 @@ def _world(world: Table, folder: Path) -> World:
     name, duration_s = world.text("name", "-"), world.number("duration_s", 60.0)
     walls = [piece for table in world.tables("wall") for piece in _wall(table)]
     cuts = [_opening(table) for table in world.tables("opening")]
+    panes: list[Glass] = []
+    for table in world.tables("glass"):
+        here = _glass(table)
+        cuts += [(pane.start, pane.end, table.key) for pane in here]
+        panes += here
     things = []
     for kind in ("door", "box"):
         named = world.table(kind)
@@ -120,6 +126,7 @@ def _world(world: Table, folder: Path) -> World:
         pose_error=pose_error,
         duration_s=duration_s,
         name=name,
+        glass=tuple(panes),
     )
 
 
@@ -156,11 +163,19 @@ def _wall(table: Table) -> list[Piece]:
 
 
 def _straight(start: NDArray[np.float64], end: NDArray[np.float64], thickness: float) -> Piece:
-    along = (end - start) / np.hypot(*(end - start))
-    across = np.array([-along[1], along[0]]) * thickness / 2
-    corners = [start - across, end - across, end + across, start + across]
+    corners = strip_corners((start[0], start[1]), (end[0], end[1]), thickness)
     wall = Wall(tuple((round(float(x), 9), round(float(y), 9)) for x, y in corners))
     return wall, (start, end, thickness)
+
+
+def _glass(table: Table) -> list[Glass]:
+    line = table.points("line", 2)
+    thickness, pass_share = table.number("thickness_m", 0.02), table.number("pass_share", 0.9)
+    table.done()
+    try:
+        return [Glass(start, end, thickness, pass_share) for start, end in pairwise(line)]
+    except WorldError as error:
+        raise WorldError(f"{table.key}: {error}") from error
 
 
 def _opening(table: Table) -> tuple[Point, Point, str]:
@@ -374,6 +389,7 @@ def _laser(table: Table) -> Laser:
         max_range_m=table.number("max_range_m", default.max_range_m),
         sigma_m=table.number("sigma_m", default.sigma_m),
         dropout=table.number("dropout", default.dropout),
+        sweep_s=table.number("sweep_s", default.sweep_s),
     )
     table.done()
     return laser

@@ -23,7 +23,9 @@ LOG_SUFFIXES = (".npz", ".log", ".clf")
 
 
 def simulate(
-    world: Annotated[str, typer.Argument(metavar="WORLD", help='A world as a TOML file, or "hallway".')],
+    world: Annotated[
+        str, typer.Argument(metavar="WORLD", help="A world as a TOML file, or: hallway, office, ring, rooms.")
+    ],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="LOG", help="The log to write: .npz, or .log.")],
     people: Annotated[int | None, typer.Option(help="How many people walk. Default: as the world says.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of people, doors and noise.")] = 0,

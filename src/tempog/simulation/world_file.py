@@ -54,7 +54,7 @@ def load_world(path: str | Path) -> World:
     Parameters
     ----------
     path : path of the file
-        Or the name of a packaged world: "hallway".
+        Or the name of a packaged world: "hallway", "office", "ring" or "rooms".
 
     Returns
     -------

@@ -8,12 +8,18 @@ from itertools import combinations, permutations
 import numpy as np
 import pytest
 
-from tempog.simulation import Laser, load_world, simulate_site
-from tempog.simulation.polygons import outline
-from tempog.simulation.site import disc_gap, leg_gap, placed
+from tempog.cli.app import run
+from tempog.errors import WorldError
+from tempog.simulation import Laser, load_world, simulate
+from tempog.simulation.buildings import _one_corridor, _ring, random_building, turned
+from tempog.simulation.polygons import disc_gap, leg_gap, outline, placed
+from tempog.simulation.truth import truth_paths
+from tempog.simulation.world import disc_gap, leg_gap, placed
 
 FEW_BEAMS = Laser(n_beams=5)
 PACKAGED = ("hallway", "office", "ring", "rooms")
+WORLDS = [*((name, 0) for name in PACKAGED), *(("random", seed) for seed in range(31))]
+SIMULATED = [*((name, 0) for name in PACKAGED), *(("random", seed) for seed in range(3))]
 TOUCHING_M = 1e-6  # leaves and jambs share a face
 
 world = cache(load_world)
@@ -55,9 +61,9 @@ def wall_quads(site):
     return np.array([wall.corners for wall in site.walls])
 
 
-@pytest.mark.parametrize("name", PACKAGED)
-def test_things_keep_out_of_walls_and_of_each_other_wherever_they_are(name):
-    site = world(name)
+@pytest.mark.parametrize(("name", "seed"), WORLDS)
+def test_things_keep_out_of_walls_and_of_each_other_wherever_they_are(name, seed):
+    site = world(name, seed)
     walls = wall_quads(site)
     for thing in site.things:
         if thing.kind != "sliding":  # an open one is inside the wall
@@ -66,9 +72,9 @@ def test_things_keep_out_of_walls_and_of_each_other_wherever_they_are(name):
         assert not meet(stands(one), stands(other)).any(), (one.label, other.label)
 
 
-@pytest.mark.parametrize("name", PACKAGED)
-def test_closed_doors_fill_their_doorways(name):
-    site = world(name)
+@pytest.mark.parametrize(("name", "seed"), WORLDS)
+def test_closed_doors_fill_their_doorways(name, seed):
+    site = world(name, seed)
     for door in site.things:
         if door.kind != "box":
             beside = placed(
@@ -79,9 +85,9 @@ def test_closed_doors_fill_their_doorways(name):
                 assert min(disc_gap(tuple(point), np.array(wall.corners)) for wall in site.walls) == 0, door.label
 
 
-@pytest.mark.parametrize("name", PACKAGED)
-def test_the_robots_way_is_clear_wherever_things_are(name):
-    site = world(name)
+@pytest.mark.parametrize(("name", "seed"), WORLDS)
+def test_the_robots_way_is_clear_wherever_things_are(name, seed):
+    site = world(name, seed)
     stops = site.robot.round_trip
     for thing in site.things:
         for start, end in zip(stops, (*stops[1:], stops[0]), strict=True):
@@ -89,9 +95,9 @@ def test_the_robots_way_is_clear_wherever_things_are(name):
                 assert leg_gap(start, end, corners) > site.robot.radius_m + 0.02, thing.label
 
 
-@pytest.mark.parametrize("name", PACKAGED)
-def test_no_beam_leaves_the_building(name):
-    site = world(name)
+@pytest.mark.parametrize(("name", "seed"), WORLDS)
+def test_no_beam_leaves_the_building(name, seed):
+    site = world(name, seed)
     stops = np.array(site.robot.round_trip)
     parts = np.linspace(0, 1, 5)[:-1, None, None]
     points = (stops + parts * (np.roll(stops, -1, axis=0) - stops)).reshape(-1, 1, 1, 2)
@@ -108,10 +114,10 @@ def test_no_beam_leaves_the_building(name):
 
 
 @pytest.mark.parametrize("people", [0, 10])
-@pytest.mark.parametrize("name", PACKAGED)
-def test_a_minute_passes_in_which_nobody_is_inside_anything(name, people):
-    site = replace(world(name), laser=FEW_BEAMS)
-    simulation = simulate_site(site, 60.0, people=people)
+@pytest.mark.parametrize(("name", "seed"), SIMULATED)
+def test_a_minute_passes_in_which_nobody_is_inside_anything(name, seed, people):
+    site = replace(world(name, seed), laser=FEW_BEAMS)
+    simulation = simulate(site, 60.0, seed=seed, people=people)
     everybody = [(simulation.poses[:, :2], site.robot.radius_m)]
     everybody += [(simulation.people[:, i], site.people.radius_m) for i in range(people)]
     for points, reach in everybody:
@@ -147,3 +153,52 @@ def test_two_doors_of_the_rooms_always_move_together():
     things = {thing.name: thing for thing in world("rooms").things}
     assert things["D1"].schedule == things["D2"].schedule
     assert len(things["D4"].places) == 3
+
+
+def test_a_random_building_follows_from_its_seed():
+    assert random_building(5) == load_world("random", 5)
+    assert random_building(5) != random_building(6)
+    with pytest.raises(WorldError, match="seed = -1 names no building"):
+        random_building(-1)
+
+
+def test_random_buildings_are_of_many_kinds():
+    buildings = [world("random", seed) for seed in range(31)]
+    doors = [[thing for thing in site.things if thing.kind == "hinged"] for site in buildings]
+    boxes = [[thing for thing in site.things if thing.kind == "box"] for site in buildings]
+    assert set(range(7, 13)) <= {len(some) for some in doors} <= set(range(6, 13))
+    assert {len(some) for some in boxes} == {2, 3, 4, 5}
+    assert {len(door.places) for some in doors for door in some} == {2, 3}
+    assert all("away" in some[0].places for some in boxes)
+    assert {site.robot.back_and_forth for site in buildings} == {False, True}
+    headings = [np.subtract(*site.robot.waypoints[:2]) for site in buildings]
+    assert np.ptp([math.atan2(y, x) for x, y in headings]) > 5
+
+
+@pytest.mark.parametrize(("draw", "n_lines", "n_rows"), [(_one_corridor, 3, 2), (_ring, 4, 3)])
+def test_a_wall_parts_any_two_neighbouring_rooms(draw, n_lines, n_rows):
+    for seed in range(5):
+        plan = draw(np.random.default_rng(seed))
+        assert len(plan.tables["wall"]) == n_lines + len(plan.rooms) - n_rows
+
+
+def test_the_command_makes_the_building_that_its_seed_names(tmp_path, monkeypatch):
+    log = tmp_path / "third.npz"
+    monkeypatch.setattr(
+        "sys.argv", ["tempog", "simulate", "random", "--seed", "3", "--duration", "5", "-o", str(log)]
+    )
+    with pytest.raises(SystemExit) as stop:
+        run()
+    assert not stop.value.code
+    with np.load(truth_paths(log)[1]) as arrays:
+        np.testing.assert_array_equal(arrays["distances"], simulate(random_building(3), 5.0, seed=3).distances)
+
+
+def test_a_turned_world_looks_the_same_from_inside():
+    site = replace(world("office"), laser=Laser(n_beams=6, fov_rad=2.9))  # beams that meet no corner
+    about = (3.0, -2.0)
+    turned_site = turned(site, 1.0, about)
+    np.testing.assert_allclose(turned(turned_site, -1.0, about).robot.waypoints, site.robot.waypoints)
+    here, there = (simulate(one, 20.0) for one in (site, turned_site))
+    np.testing.assert_allclose(there.distances, here.distances, atol=1e-6)
+    assert (there.hit_things == here.hit_things).all()

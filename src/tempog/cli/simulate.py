@@ -24,11 +24,11 @@ LOG_SUFFIXES = (".npz", ".log", ".clf")
 
 def simulate(
     world: Annotated[
-        str, typer.Argument(metavar="WORLD", help="A world as a TOML file, or: hallway, office, ring, rooms.")
+        str, typer.Argument(metavar="WORLD", help="A world as a TOML file, or: hallway, office, ring, rooms, random.")
     ],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="LOG", help="The log to write: .npz, or .log.")],
     people: Annotated[int | None, typer.Option(help="How many people walk. Default: as the world says.")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of people, doors and noise.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Of people, doors, noise, and random buildings.")] = 0,
     duration: Annotated[float | None, typer.Option(help="Seconds. Default: as the world says.")] = None,
     force: ForceFlag = False,
     quiet: QuietFlag = False,
@@ -48,7 +48,7 @@ def simulate(
             raise ScanError(f"{path} exists already; use --force to replace it, or choose another name")
     if not output.absolute().parent.is_dir():
         raise ScanError(f"{output.parent} is not a directory; make it first, or choose another place")
-    described = load_world(world)
+    described = load_world(world, seed)
     with status(f"simulating {world}", wants_progress(quiet or json)):
         simulation = run(described, duration, seed=seed, people=people)
     if output.suffix.lower() == ".npz":

@@ -80,7 +80,7 @@ def drive_through(
 ) -> Drive:
     """Simulate one drive; see `load_world` and `simulate` for the parameters."""
     started = time.perf_counter()
-    described = load_world(world)
+    described = load_world(world, seed)
     simulation = simulate(described, duration_s, seed=seed, people=people)
     seconds = time.perf_counter() - started
     n_people = simulation.people.shape[1]

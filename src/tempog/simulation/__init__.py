@@ -6,6 +6,7 @@ robot wait for each other; only people who are replayed from a `Track` wait for 
 Importing this compiles nothing: Numba is loaded by the first call of `simulate`.
 """
 
+from tempog.simulation.buildings import random_building, turned
 from tempog.simulation.corridor import corridor
 from tempog.simulation.simulate import simulate
 from tempog.simulation.simulation import Hit, Simulation
@@ -27,5 +28,7 @@ __all__ = [
     "World",
     "corridor",
     "load_world",
+    "random_building",
     "simulate",
+    "turned",
 ]

@@ -28,6 +28,7 @@ from __future__ import annotations
 import math
 import re
 import tomllib
+from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -43,18 +44,22 @@ from tempog.simulation.tracks import Track, read_tracks
 from tempog.simulation.world import Crowd, Glass, Laser, PoseError, Route, Thing, Wall, World
 
 PACKAGED = Path(__file__).with_name("worlds")
+RANDOM = "random"  # the name of a world that no file describes
 CLOCK = re.compile(r"(?:(mon|tue|wed|thu|fri|sat|sun) )?(\d\d):(\d\d)(?::(\d\d))?")
 STRAIGHT = 1e-6  # rad; a cut must lie along its wall
 SHORTEST_STUB_M = 0.01  # of a wall between two openings; less is rounding, not masonry
 
 
-def load_world(path: str | Path) -> World:
+def load_world(path: str | Path, seed: int = 0) -> World:
     """Read a world from a TOML file.
 
     Parameters
     ----------
     path : path of the file
-        Or the name of a packaged world: "hallway", "office", "ring" or "rooms".
+        Or the name of a packaged world: "hallway", "office", "ring" or "rooms"; or "random", a building made
+        up by `random_building`.
+    seed : int
+        Which random building; of no meaning for other worlds.
 
     Returns
     -------
@@ -72,18 +77,28 @@ def load_world(path: str | Path) -> World:
     (8, 900.0)
     """
     path = Path(path)
-    if path.name == str(path) and not path.suffix and not path.exists() and packaged(path.name).is_file():
-        path = packaged(path.name)
+    if path.name == str(path) and not path.suffix and not path.exists():
+        if path.name == RANDOM:
+            from tempog.simulation.buildings import random_building  # here, as it builds from tables, too
+
+            return random_building(seed)
+        if packaged(path.name).is_file():
+            path = packaged(path.name)
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:  # ValueError: no UTF-8, no TOML, or a null byte in the path
-        names = ", ".join(sorted(world.stem for world in PACKAGED.glob("*.toml")))
+        names = ", ".join(sorted([RANDOM, *(world.stem for world in PACKAGED.glob("*.toml"))]))
         hint = f"\n  Packaged worlds: {names}." if isinstance(error, OSError) else ""
         raise WorldError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}{hint}") from error
     try:
-        return _world(Table(tables, ""), path.parent)
+        return world_from_tables(tables, path.parent)
     except (WorldError, ConfigError) as error:
         raise WorldError(f"{path}: {error}") from error
+
+
+def world_from_tables(tables: Mapping[str, Any], folder: Path = Path()) -> World:
+    """The world that a file with these tables would describe; series are read from `folder`."""
+    return _world(Table(tables, ""), folder)
 
 
 def packaged(name: str) -> Path:

@@ -14,7 +14,6 @@ from tempog.simulation import Laser, load_world, simulate
 from tempog.simulation.buildings import _one_corridor, _ring, random_building, turned
 from tempog.simulation.polygons import disc_gap, leg_gap, outline, placed
 from tempog.simulation.truth import truth_paths
-from tempog.simulation.world import disc_gap, leg_gap, placed
 
 FEW_BEAMS = Laser(n_beams=5)
 PACKAGED = ("hallway", "office", "ring", "rooms")

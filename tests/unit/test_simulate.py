@@ -141,7 +141,7 @@ def test_a_robot_waits_until_the_door_in_its_way_opens():
 
 def test_a_door_waits_until_the_robot_in_its_way_has_gone():
     across = door(
-        Listed(((3.0, "closed"),)),
+        Listed(((3.0, "closed"), (60.0, "open"))),
         {"closed": (4.0, 2.4, 1.5 * math.pi), "open": (4.0, 2.4, 0.5 * math.pi)},
         initial="open",
     )
@@ -349,7 +349,7 @@ def test_a_replayed_person_is_exactly_where_the_samples_say_and_nowhere_else():
 
 def test_a_replayed_person_waits_for_nobody_but_others_wait():
     across = Track([(0.0, 4.0, 3.5), (2.0, 4.0, 2.0), (12.0, 4.0, 2.0), (14.0, 4.0, 0.5)])
-    leaf = door(Listed(((3.0, "open"),)), {"closed": (3.5, 1.0, math.pi), "open": (3.5, 1.0, math.pi / 2)})
+    leaf = door(Listed(((3.0, "open"),)), {"closed": (3.5, 0.7, math.pi), "open": (3.5, 0.7, math.pi / 2)})
     world = World(DRIVING, ROOM, (leaf,), Crowd(tracks=(across,)), FEW_BEAMS)
     simulation = simulate(world, 30.0)
     np.testing.assert_allclose(simulation.people[:, 0], across.positions(simulation.t), atol=1e-12)
@@ -383,6 +383,22 @@ def test_walkers_step_out_of_the_way_of_somebody_replayed():
 def test_a_track_that_cannot_be_is_refused(samples, words):
     with pytest.raises(WorldError, match=words):
         Track(samples)
+
+
+# --- goals ---
+
+
+def test_people_walk_between_the_goals_they_are_given():
+    goals = ((1.0, 3.0), (7.0, 1.0))
+    crowd = Crowd(1, speed_m_s=(1.4, 1.5), turn_rate_hz=(0.0, 0.0), pause_s=0.1, goals=goals)
+    people = simulate(World(Route(((4.0, 0.4),)), ROOM, (), crowd, FEW_BEAMS), 120.0).people[:, 0]
+    for goal in goals:
+        gaps = np.linalg.norm(people - goal, axis=1)
+        arrivals = np.flatnonzero((gaps[1:] < 0.6) & (gaps[:-1] >= 0.6))
+        assert len(arrivals) > 3
+    middle = np.abs(people[:, 0] - 4.0) < 1.0
+    assert people[middle, 1].min() > 0.7  # straight there, not all over the room
+    assert people[middle, 1].max() < 3.3
 
 
 # --- legs ---

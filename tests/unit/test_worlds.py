@@ -8,6 +8,7 @@ import pytest
 
 from tempog.errors import TempogError, WorldError
 from tempog.simulation import Route, Thing, Wall, World, load_world, simulate
+from tempog.simulation.overlaps import overlap
 from tempog.simulation.polygons import disc_gap, leg_gap
 from tempog.simulation.schedules import Dwell, Listed, Recorded, Weekly
 from tempog.simulation.tracks import read_tracks
@@ -161,6 +162,49 @@ def test_a_box_has_its_places_at_its_middle(load):
         (ROOM + "[[glass]]\nline = [[2, 2], [3, 2]]\npass_share = 2\n", ["glass[0]", "pass_share = 2.0"]),
         (ROOM + "[laser]\nsweep_s = 0.2\n", ["sweep_s = 0.2", "10 scans a second", "0.1 s"]),
         (ROOM + "[people]\nlegs = 1\n", ["people.legs", "true or false"]),
+        (
+            ROOM + "[people]\ngoals = [[1, 2], [5.96, 2]]\n",
+            ["people.goals", "number 1", "(5.96, 2.0)", "lies in a wall", "the nearest place"],
+        ),
+        (
+            ROOM + "[people]\ngoals = [[5, 2]]\n[[wall]]\nline = [[4.6, 0], [4.6, 3]]\n",
+            ["people.goals", "number 0", "(5.0, 2.0)", "cannot be walked to", "(1.0, 1.0)"],
+        ),
+        (
+            ROOM + BOX.replace("4.0, 2.3", "2.5, 1.2") + 'schedule.moves = [[5, "there"]]\n',
+            ["box.B.schedule", "leaves it at 'there'", "(2.50, 1.20) m", "never pass", "(1.0, 1.0) to (4.0, 1.0)"],
+        ),
+        (
+            ROOM + BOX.replace("1.0, 2.3", "2.5, 1.2"),
+            ["box.B.schedule", "leaves it at 'here'", "never pass"],
+        ),
+        (
+            ROOM + BOX.replace("4.0, 2.3", "2.5, 1.2") + "schedule.dwell_s = { there = 5 }\n",
+            ["box.B.schedule", "leaves it at 'there'"],
+        ),
+        (
+            ROOM + BOX.replace("1.0, 2.3", "1.2, 1.2"),
+            ["box.B.schedule", "'here'", "onto the robot at waypoint 0"],
+        ),
+        (
+            ROOM + "[[wall]]\nline = [[2, 3], [4, 3]]\n",
+            ["wall[1] lies along wall[0] for 2.00 m", "(3.00, 3.00) m", "meet"],
+        ),
+        (
+            ROOM + "[[wall]]\nline = [[2, 2.1], [4, 2.3]]\n[[wall]]\nline = [[3, 2.2], [5, 2.4]]\n",
+            ["wall[2] lies along wall[1] for 1.0"],
+        ),
+        (
+            ROOM + "[[wall]]\ncorners = [[2, 2], [3, 2], [3, 2.8], [2, 2.8]]\n"
+            "[[wall]]\ncorners = [[2.5, 1.8], [3.5, 1.8], [3.5, 2.6], [2.5, 2.6]]\n",
+            ["wall[2] overlaps wall[1] by 0.50 m", "(2.75, 2.30) m", "0.15 m"],
+        ),
+        (
+            ROOM + "[[wall]]\ncorners = [[2, 2.5], [3, 2.5], [3, 3.5], [2, 3.5]]\n"
+            "[[wall]]\nline = [[2, 2.7], [3.5, 2.7]]\nthickness_m = 0.15\n"
+            "[[wall]]\ncorners = [[2.5, 2.6], [3.2, 2.6], [3.2, 2.65], [2.5, 2.65]]\n",
+            ["wall[3] lies along wall[2] for 0.70 m"],
+        ),
         ("x = [", ["cannot read", "some.toml"]),
     ],
 )
@@ -170,6 +214,45 @@ def test_what_a_file_cannot_say_is_refused_with_file_key_and_place(load, text, w
     assert isinstance(caught.value, TempogError)
     for word in ["some.toml", *words]:
         assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "walls",
+    [
+        "[[wall]]\nline = [[3, 2], [3, 3]]\n",  # T
+        "[[wall]]\nline = [[2, 2], [3, 2], [3, 2.8]]\n[[wall]]\nline = [[2.5, 1.7], [2.5, 2.5]]\n",  # L and a cross
+        "[[wall]]\nline = [[2, 2], [2.5, 2], [3, 2], [3.5, 2.05], [4, 2.2]]\n",  # a bend
+        "[[wall]]\nline = [[2, 2], [3, 2]]\n[[wall]]\nline = [[3, 2], [4, 2]]\n",  # end to end
+        "[[wall]]\nline = [[2, 2], [4, 2]]\n[[wall]]\nline = [[2, 2.3], [4, 1.7]]\n",  # at 17 degrees
+        # a column in a wall
+        "[[wall]]\nline = [[2, 2], [4, 2]]\n[[wall]]\ncorners = [[3, 1.8], [3.4, 1.8], [3.4, 2.2], [3, 2.2]]\n",
+    ],
+)
+def test_walls_may_meet_and_cross(load, walls):
+    assert len(load(ROOM + walls).walls) > 4
+
+
+def test_what_two_polygons_have_in_common_is_what_it_should_be():
+    box = np.array(Wall.box(0.0, 0.0, 2.0, 1.0).corners)
+    beside, over = Wall.box(3.0, 0.0, 5.0, 1.0), Wall.box(1.5, 0.25, 3.5, 1.25)
+    assert len(overlap(box, np.array(beside.corners))) < 3
+    for other in (np.array(over.corners), np.array(over.corners)[::-1]):
+        common = overlap(box, other)
+        assert common.min(axis=0).tolist() == [1.5, 0.25]
+        assert common.max(axis=0).tolist() == [2.0, 1.0]
+    diamond = ((1.0, -0.7), (2.2, 0.5), (1.0, 1.7), (-0.2, 0.5))  # cuts a triangle off each corner of the box
+    assert area(Wall(tuple(overlap(box, np.array(diamond)).tolist()))) == pytest.approx(2.0 - 4 * 0.3**2 / 2)
+
+
+def test_a_door_may_close_across_the_way_for_a_while(load):
+    across = "[door.X]\nhinge = [2.5, 1.5]\nplaces = { open = 90, closed = 270 }\n"
+    world = load(ROOM + across + 'schedule.moves = [[4, "closed"], [9, "open"]]\n')
+    x = simulate(world, 25.0).poses[:, 0]
+    assert x.max() > 3.9
+    load(ROOM + across + "schedule.dwell_s = { open = 5, closed = 5 }\n")
+    load(ROOM + across + 'schedule.daily = [["08:00", "closed"], ["09:00", "open"]]\n')
+    with pytest.raises(WorldError, match=r"door\.X\.schedule leaves it at 'closed'.*for good"):
+        load(ROOM + across + 'schedule.daily = [["08:00", "closed"]]\n')
 
 
 def test_a_file_that_is_not_there_is_refused_with_the_worlds_that_are(tmp_path):

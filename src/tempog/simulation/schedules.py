@@ -35,6 +35,10 @@ class Schedule(Protocol):
         """The places that the schedule names, so that misspelt ones are found before anything runs."""
         ...
 
+    def rests_at(self, initial: str) -> str | None:
+        """Where the thing finally stays for good; None if it goes on moving."""
+        ...
+
 
 @dataclass(frozen=True)
 class Never:
@@ -45,6 +49,9 @@ class Never:
 
     def named(self) -> Sequence[str]:
         return ()
+
+    def rests_at(self, initial: str) -> str | None:
+        return initial
 
 
 @dataclass(frozen=True)
@@ -74,6 +81,9 @@ class Listed:
 
     def named(self) -> Sequence[str]:
         return [place for _, place in self.times]
+
+    def rests_at(self, initial: str) -> str | None:
+        return self.times[-1][1] if self.times else initial
 
 
 @dataclass(frozen=True)
@@ -108,6 +118,9 @@ class Dwell:
 
     def named(self) -> Sequence[str]:
         return list(self.mean_s)
+
+    def rests_at(self, initial: str) -> str | None:
+        return next(iter(self.mean_s), initial) if len(self.mean_s) < 2 else None
 
 
 @dataclass(frozen=True)
@@ -145,6 +158,10 @@ class Weekly:
     def named(self) -> Sequence[str]:
         return [place for _, place in self.times]
 
+    def rests_at(self, initial: str) -> str | None:
+        places = set(self.named())
+        return None if len(places) > 1 else next(iter(places), initial)
+
 
 @dataclass(frozen=True)
 class Recorded:
@@ -176,6 +193,9 @@ class Recorded:
 
     def named(self) -> Sequence[str]:
         return sorted(set(self.values))
+
+    def rests_at(self, initial: str) -> str | None:
+        return self.values[-1]
 
 
 def read_series(path: Path, values: Sequence[str], period_s: float, speed: float) -> Recorded:

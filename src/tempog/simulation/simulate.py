@@ -11,6 +11,7 @@ from tempog.errors import WorldError
 from tempog.scans.scan import Scan
 from tempog.simulation.legs import LEG_RADIUS_M, Legs
 from tempog.simulation.polygons import outline
+from tempog.simulation.room import Room
 from tempog.simulation.simulation import MOVING, START_S, Hit, Simulation, beams_of, turned
 from tempog.simulation.world import Laser, PoseError, World
 
@@ -51,7 +52,7 @@ def simulate(world: World, duration_s: float | None = None, seed: int = 0, peopl
     >>> len(simulation.scans), simulation.people.shape
     (600, (600, 5, 2))
     """
-    from tempog.simulation.floor import N_GOALS, plan_floor, start_places
+    from tempog.simulation.floor import plan_floor, start_places
     from tempog.simulation.raycast import cast_beams  # here, so that describing a world needs no Numba
     from tempog.simulation.walking import (
         FAR_M,
@@ -126,8 +127,9 @@ def simulate(world: World, duration_s: float | None = None, seed: int = 0, peopl
     where = np.full((n_people, 2), FAR_M)
     floor = None
     if n:
-        floor = plan_floor(world, solid, people_rng)
-        where[:n] = start_places(world, floor, corners, people_rng)
+        room = Room(world)
+        floor = plan_floor(world, room, people_rng)
+        where[:n] = start_places(world, room, corners, people_rng)
     traits = np.column_stack([people_rng.uniform(*crowd.speed_m_s, n), people_rng.uniform(*crowd.turn_rate_hz, n)])
     mind = np.zeros((n, 7))
     mind[:, 0] = people_rng.uniform(-np.pi, np.pi, n)
@@ -135,7 +137,7 @@ def simulate(world: World, duration_s: float | None = None, seed: int = 0, peopl
         where=where,
         mind=mind,
         traits=traits,
-        goal=people_rng.integers(0, N_GOALS, n).astype(np.int32),
+        goal=people_rng.integers(0, len(floor.goals) if floor else 1, n).astype(np.int32),
         radius=float(crowd.radius_m),
         pause_mean_s=float(crowd.pause_s),
     )

@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 from tempog.errors import ConfigError, WorldError
 from tempog.simulation.legs import SMALLEST_BODY_M
 from tempog.simulation.polygons import Point, Pose, check_wall, disc_gap, leg_gap, middle_text, placed, strip_corners
+from tempog.simulation.room import Room
 from tempog.simulation.schedules import Never, Schedule
 from tempog.simulation.tracks import Track
 
+GAP_M = 0.01  # kept between bodies
 Kind = Literal["hinged", "sliding", "box"]
 
 
@@ -168,6 +170,8 @@ class Crowd:
     radius_m : float, metres
     legs : bool
         Whether the laser sees two legs (see `legs.py`) of everybody rather than a disc of `radius_m`.
+    goals : tuple of (x, y), metres
+        Where they go. Default: anywhere.
     tracks : tuple of Track
         People beside them who are replayed, and mind nobody.
     """
@@ -178,6 +182,7 @@ class Crowd:
     pause_s: float = 8.0
     radius_m: float = 0.25
     legs: bool = False
+    goals: tuple[Point, ...] = ()
     tracks: tuple[Track, ...] = ()
 
     def __post_init__(self) -> None:
@@ -340,8 +345,8 @@ class World:
     Raises
     ------
     WorldError
-        A wall without area, two things of one name, a route that leads through a wall, or a place of a
-        thing at a waypoint.
+        A wall without area, two things of one name, a route that leads through a wall, a goal that cannot
+        be reached, a place of a thing at a waypoint, or one that a thing finally keeps across the route.
     """
 
     robot: Route
@@ -364,6 +369,8 @@ class World:
             if names.count(thing.label) > 1:
                 raise WorldError(f"{thing.label} is there twice; wanted every name once")
         self._check_waypoints()
+        if self.people.goals:
+            Room(self).goal_cells(self.people.goals)
 
     @property
     def solids(self) -> list[tuple[str, NDArray[np.float64]]]:
@@ -397,3 +404,11 @@ class World:
                             f"{thing.label}.schedule puts it at {place!r}, {middle_text(thing.corners(place))}, onto"
                             f" the robot at waypoint {k}, {point}; wanted {robot.radius_m:g} m or more apart"
                         )
+            last = thing.schedule.rests_at(thing.initial)
+            for start, end in legs if len(stops) > 1 else []:
+                if last and leg_gap(start, end, thing.corners(last)) < robot.radius_m + GAP_M:
+                    raise WorldError(
+                        f"{thing.label}.schedule leaves it at {last!r}, {middle_text(thing.corners(last))}, for good;"
+                        f" the robot could never pass from {start} to {end}. Wanted {robot.radius_m + GAP_M:g} m or"
+                        " more beside its way, or a schedule that goes on"
+                    )

@@ -5,7 +5,8 @@ Lengths are metres, angles degrees, times seconds::
     duration_s = 900.0
     [robot]        waypoints = [[x, y], ...], route = "back and forth" | "round", speed_m_s, turn_deg_s,
                    radius_m, stop_m, heading_deg
-    [people]       number, speed_m_s = [low, high], turn_rate_hz = [low, high], pause_s, radius_m, legs
+    [people]       number, speed_m_s = [low, high], turn_rate_hz = [low, high], pause_s, radius_m, legs,
+                   goals = [[x, y], ...]
     [[people.track]]  file = "rows of: t person x y", columns = ["t", "person", "x", "y"], rate_hz, scale,
                    rotation_deg, offset = [x, y], start_s
     [laser]        n_beams, fov_deg, rate_hz, max_range_m, sigma_m, dropout, sweep_s
@@ -37,6 +38,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tempog.errors import ConfigError, WorldError
+from tempog.simulation.overlaps import check_overlaps
 from tempog.simulation.polygons import Point, Pose, check_wall, placed, strip_corners
 from tempog.simulation.schedules import DAY_S, DAYS, Dwell, Listed, Move, Never, Schedule, Weekly, read_series
 from tempog.simulation.tables import Table, to_number
@@ -108,7 +110,9 @@ def packaged(name: str) -> Path:
 
 def _world(world: Table, folder: Path) -> World:
     name, duration_s = world.text("name", "-"), world.number("duration_s", 60.0)
-    walls = [piece for table in world.tables("wall") for piece in _wall(table)]
+    keyed = [(table.key, piece) for table in world.tables("wall") for piece in _wall(table)]
+    check_overlaps([(key, np.array(wall.corners)) for key, (wall, _) in keyed])
+    walls = [piece for _, piece in keyed]
     cuts = [_opening(table) for table in world.tables("opening")]
     panes: list[Glass] = []
     for table in world.tables("glass"):
@@ -370,6 +374,7 @@ def _people(table: Table, folder: Path) -> Crowd:
         pause_s=table.number("pause_s", default.pause_s),
         radius_m=table.number("radius_m", default.radius_m),
         legs=table.flag("legs", default.legs),
+        goals=table.points("goals", 1) if table.has("goals") else (),
         tracks=tuple(track for one in table.tables("track") for track in _tracks(one, folder)),
     )
     table.done()

@@ -26,6 +26,7 @@ from tempog.simulation import (
     load_world,
     simulate,
 )
+from tempog.simulation.overlaps import overlap
 from tempog.simulation.polygons import outline
 from tempog.simulation.schedules import Dwell, Listed
 from tempog.simulation.simulate import pose_errors
@@ -383,6 +384,78 @@ def test_walkers_step_out_of_the_way_of_somebody_replayed():
 def test_a_track_that_cannot_be_is_refused(samples, words):
     with pytest.raises(WorldError, match=words):
         Track(samples)
+
+
+# --- things among themselves ---
+
+
+def hinged(name, places, schedule):
+    return Thing(name, "hinged", 0.9, 0.05, places, schedule)
+
+
+def deepest_overlap(simulation, one, other):
+    """Of two things over all scans, as an area."""
+    areas = []
+    for a, b in zip(simulation.corners[:, one], simulation.corners[:, other], strict=True):
+        x, y = overlap(a, b).T if np.isfinite(a).all() and np.isfinite(b).all() else (np.zeros(0), np.zeros(0))
+        areas.append(abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2)
+    return max(areas)
+
+
+def test_leaves_whose_sweeps_meet_take_turns():
+    a = {"closed": (4.0, 3.9, 0.0), "open": (4.0, 3.9, -math.pi / 2)}
+    b = {"closed": (4.5, 2.9, -math.pi / 2), "open": (4.5, 2.9, math.pi / 2)}  # open, it stands in the sweep of A
+    things = tuple(
+        hinged(name, places, Listed(((4.0, "open"), (8.0, "closed")))) for name, places in (("A", a), ("B", b))
+    )
+    simulation = simulate(World(Route(((1.0, 1.0),)), ROOM, things, laser=FEW_BEAMS), 12.0)
+    assert deepest_overlap(simulation, 0, 1) == 0
+    starts = [
+        [round(t - START_S, 1) for t, state in simulation.states(name) if state == "moving"] for name in ("A", "B")
+    ]
+    assert starts[0] == pytest.approx([4.0, 9.0], abs=0.11)
+    assert starts[1] == pytest.approx([5.0, 8.0], abs=0.11)
+
+
+def test_both_leaves_of_a_double_door_open_and_close():
+    east = {"closed": (4.0, 3.9, 0.0), "open": (4.0, 3.9, -math.pi / 2)}
+    west = {"closed": (5.8, 3.9, math.pi), "open": (5.8, 3.9, 1.5 * math.pi)}
+    schedule = Listed(((1.0, "open"), (4.0, "closed"), (7.0, "open")))
+    things = (hinged("A", east, schedule), hinged("B", west, schedule))
+    simulation = simulate(World(Route(((1.0, 1.0),)), ROOM, things, laser=FEW_BEAMS), 12.0)
+    assert (simulation.places[95:] == 1).all()
+    assert (np.diff((simulation.places == MOVING).astype(int), axis=0) == 1).sum(axis=0).tolist() == [3, 3]
+
+
+def test_a_leaf_waits_for_a_box_in_its_way_and_a_box_for_a_leaf():
+    leaf = hinged("A", {"closed": (4.0, 3.9, 0.0), "open": (4.0, 3.9, -math.pi / 2)}, Listed(((2.0, "open"),)))
+    crate = box({"here": (4.5, 3.4, 0.3), "there": (6.0, 1.0, 0.0)}, Listed(((5.0, "there"), (9.0, "here"))))
+    simulation = simulate(World(Route(((1.0, 1.0),)), ROOM, (leaf, crate), laser=FEW_BEAMS), 15.0)
+    assert 5.0 <= simulation.states("A")[1][0] - START_S <= 6.1
+    assert deepest_overlap(simulation, 0, 1) == 0
+    close = {"closed": (4.0, 3.9, 0.0), "open": (4.0, 3.9, -math.pi / 2)}
+    shut = hinged("A", close, Listed(((1.0, "open"), (9.0, "closed"))))
+    late = box({"there": (6.0, 1.0, 0.0), "here": (4.1, 3.4, 0.0)}, Listed(((3.0, "here"),)))
+    simulation = simulate(World(Route(((1.0, 1.0),)), ROOM, (shut, late), laser=FEW_BEAMS), 15.0)
+    assert simulation.states("B")[1][0] - START_S >= 9.0
+    assert deepest_overlap(simulation, 0, 1) == 0
+
+
+def test_a_door_that_closes_all_the_time_never_traps_anybody():
+    walls = (*ROOM, Wall.box(3.9, 0.0, 4.1, 1.5), Wall.box(3.9, 2.4, 4.1, 4.0))
+    restless = Dwell({"closed": 1.5, "open": 2.5})
+    leaf = hinged("A", {"closed": (4.1, 1.5, math.pi / 2), "open": (4.1, 1.5, 0.0)}, restless)
+    crowd = Crowd(8, speed_m_s=(0.3, 1.5), pause_s=1.0, goals=((2.0, 2.0), (6.0, 2.0), (6.0, 1.2)))
+    for seed in range(4):
+        simulation = simulate(World(Route(((1.0, 0.5),)), walls, (leaf,), crowd, FEW_BEAMS), 200.0, seed=seed)
+        assert_nobody_overlaps(simulation)
+        x, y = np.moveaxis(simulation.people, -1, 0)
+        in_doorway = (abs(x - 4.0) < 0.3) & (y > 1.5) & (y < 2.4)
+        for k in range(8):
+            edges = np.flatnonzero(np.diff(in_doorway[:, k], prepend=False, append=False))
+            stays = np.diff(edges)[::2] / 10.0
+            assert stays.max(initial=0.0) < 60.0
+        assert (np.diff(np.sign(x - 4.0), axis=0) != 0).sum() > 20  # people get through
 
 
 # --- goals ---

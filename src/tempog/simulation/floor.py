@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 from tempog.errors import WorldError
 from tempog.simulation.polygons import disc_gap
 from tempog.simulation.room import CELL_M, Room
-from tempog.simulation.walking import Floor
+from tempog.simulation.state import Floor
 from tempog.simulation.world import World
 
 N_GOALS = 60
+N_COMPARED = 12  # of these; goals that the world gives are all alike likely
 CLEAR_OF_ROBOT_M = 0.5  # at the start
 
 
@@ -33,6 +34,7 @@ def plan_floor(world: World, room: Room, rng: np.random.Generator) -> Floor:
         x0=room.x0,
         y0=room.y0,
         cell_m=CELL_M,
+        n_compared=1 if world.people.goals else N_COMPARED,
     )
 
 

@@ -13,6 +13,7 @@ from tempog.simulation.legs import LEG_RADIUS_M, Legs
 from tempog.simulation.polygons import outline
 from tempog.simulation.room import Room
 from tempog.simulation.simulation import MOVING, START_S, Hit, Simulation, beams_of, turned
+from tempog.simulation.state import FAR_M, People, Robot, Things, Tracks
 from tempog.simulation.world import Laser, PoseError, World
 
 LONGEST_STEP_S = 0.05  # nobody moves more than 8 cm at once, less than half of anybody
@@ -54,16 +55,7 @@ def simulate(world: World, duration_s: float | None = None, seed: int = 0, peopl
     """
     from tempog.simulation.floor import plan_floor, start_places
     from tempog.simulation.raycast import cast_beams  # here, so that describing a world needs no Numba
-    from tempog.simulation.walking import (
-        FAR_M,
-        People,
-        Robot,
-        Things,
-        Tracks,
-        advance,
-        advance_without_walkers,
-        replay,
-    )
+    from tempog.simulation.walking import advance, advance_without_walkers, replay
 
     if people is not None:
         world = replace(world, people=replace(world.people, number=people))

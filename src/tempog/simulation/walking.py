@@ -9,14 +9,13 @@ who are replayed mind nobody.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tempog._jit import kernel
+from tempog.simulation.state import FAR_M, Floor, People, Robot, Things, Tracks
 
-FAR_M = 1e6  # where a box is while it is carried: nobody meets it, no beam reaches it
 UNREACHED = 2**30  # in a distance field
 GAP_M = 0.01  # kept between bodies, far above rounding errors
 BLOCKED_S = 4.0  # a leaf held up for longer swings back and tries again
@@ -25,108 +24,16 @@ STUCK_S = 3.0  # somebody who cannot get on for longer thinks of another goal
 NEAR_GOAL = 10  # field units, two cells
 SMOOTH = 0.3  # share of the wanted direction in a person's new heading, per step
 SWAY_KEPT = 0.98  # of a change of direction, per step: half is left after 1.7 s
+THING_IN_WAY = -3  # for a leaf or box; people count from 0, -2 is the robot
+TOUCHING_M = 1e-6
+LEAF_PLAY_M = 0.01  # two leaves of a double door are so much longer across their corners than along their faces
 N_SWEEP = 10  # places of a leaf on its way that must be clear before it starts
-FAR_SHARE = 0.05  # of the goals people choose; the others are the nearest of a few
-N_COMPARED = 12
+FAR_SHARE = 0.05  # of the goals people choose; for the others they compare a few
 STRAIGHT_RAD = 1e-9  # a robot that looks this close to its waypoint drives
 SAME_TIME_S = 1e-9  # as for `Track`
 ALERT_S = 1.5  # people look this far ahead for somebody who will not wait for them
 DODGE_S = 0.3
 DODGE_M = 0.1  # beside the bodies themselves
-
-
-class Things(NamedTuple):
-    """Doors' leaves and boxes.
-
-    rectangles   (n_things, 4, 2)    in their own frames
-    carried, move_s  (n_things,)     whether it is a box; time of a move
-    swing_m      (n_things,)         room before it that a swinging leaf needs
-    places       (n_places, 3)       poses of all things' places
-    event_*      (n_events,)         moves of all things: from when, to which place; a thing's own end before
-                                     event_stop; event_next is its next one                           [updated]
-    travel       (n_things, 3)       place left, place headed for, place wanted                       [updated]
-    fraction, held_s  (n_things,)    of the way done, 1 at rest; time it has been held up             [updated]
-    corners      (n_things, 4, 2)    where it is; FAR_M away while it is carried                      [updated]
-    """
-
-    rectangles: NDArray[np.float64]
-    carried: NDArray[np.uint8]
-    move_s: NDArray[np.float64]
-    swing_m: NDArray[np.float64]
-    places: NDArray[np.float64]
-    event_t: NDArray[np.float64]
-    event_place: NDArray[np.int32]
-    event_stop: NDArray[np.int32]
-    event_next: NDArray[np.int32]
-    travel: NDArray[np.int32]
-    fraction: NDArray[np.float64]
-    held_s: NDArray[np.float64]
-    corners: NDArray[np.float64]
-
-
-class Robot(NamedTuple):
-    """route, drive (n, 2), (4,): waypoints; speed, turn rate, radius, stopping distance.
-
-    target, pose  (1,), (3,)         waypoint headed for; x, y, theta                                 [updated]
-    """
-
-    route: NDArray[np.float64]
-    drive: NDArray[np.float64]
-    target: NDArray[np.int32]
-    pose: NDArray[np.float64]
-
-
-class People(NamedTuple):
-    """Walkers first, then the replayed, who have no mind.
-
-    where        (n_people, 2)       FAR_M away while absent                                          [updated]
-    mind         (n_walkers, 7)      heading, pause s, aside s, aside x, aside y, sway, stuck s       [updated]
-    traits       (n_walkers, 2)      speed, changes of direction per second
-    goal         (n_walkers,)        which of the floor's goals                                       [updated]
-    """
-
-    where: NDArray[np.float64]
-    mind: NDArray[np.float64]
-    traits: NDArray[np.float64]
-    goal: NDArray[np.int32]
-    radius: float
-    pause_mean_s: float
-
-
-class Tracks(NamedTuple):
-    """samples  (n_samples, 3): t, x, y of all tracks, one after the other.
-
-    stop         (n_tracks,)         a track's own end before this row
-    next         (n_tracks,)         its first row that is not past                                   [updated]
-    velocity     (n_tracks, 2)                                                                        [updated]
-    """
-
-    samples: NDArray[np.float64]
-    stop: NDArray[np.int32]
-    next: NDArray[np.int32]
-    velocity: NDArray[np.float64]
-
-
-class Floor(NamedTuple):
-    """The grid that people plan their ways on.
-
-    goals        (n_goals, 2)        row, col
-    fields       (n_goals, n_rows, n_cols)  way to each goal, valid if field_epoch equals epoch[0]    [updated]
-    epoch        (2,)                raised when a leaf or box comes or goes; that of `blocked`       [updated]
-    wall_mask, blocked  (n_rows, n_cols)  no room for a middle: for walls; for things at rest, too    [updated]
-    """
-
-    goals: NDArray[np.int32]
-    fields: NDArray[np.int32]
-    field_epoch: NDArray[np.int32]
-    epoch: NDArray[np.int32]
-    wall_mask: NDArray[np.uint8]
-    blocked: NDArray[np.uint8]
-    queue: NDArray[np.int32]
-    queued: NDArray[np.uint8]
-    x0: float
-    y0: float
-    cell_m: float
 
 
 @kernel
@@ -166,8 +73,11 @@ def place_thing(
 
 
 @kernel
-def quads_meet(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
-    """Whether two convex quadrilaterals overlap: no side of either parts them."""
+def quads_meet(a: NDArray[np.float64], b: NDArray[np.float64], play: float) -> bool:
+    """Whether two convex quadrilaterals overlap by more than `play`: no side of either parts them."""
+    for axis in range(2):
+        if a[:, axis].max() <= b[:, axis].min() + play or b[:, axis].max() <= a[:, axis].min() + play:
+            return False
     for which in range(2):
         p = a if which == 0 else b
         for i in range(4):
@@ -179,10 +89,34 @@ def quads_meet(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
                 along_b = b[k, 0] * nx + b[k, 1] * ny
                 a_low, a_high = min(a_low, along_a), max(a_high, along_a)
                 b_low, b_high = min(b_low, along_b), max(b_high, along_b)
-            slack = 1e-6 * math.hypot(nx, ny)
+            slack = play * math.hypot(nx, ny)
             if a_high <= b_low + slack or b_high <= a_low + slack:
                 return False
     return True
+
+
+@kernel
+def meets_another(k: int, trial: NDArray[np.float64], things: Things, sweeps: bool) -> bool:
+    """Whether thing k at `trial` is in another thing, or (if `sweeps`) where another on its way is or will be.
+
+    Things that overlap already do not hold each other up.
+    """
+    scratch = np.empty((4, 2))
+    for other in range(things.corners.shape[0]):
+        if other == k:
+            continue
+        play = TOUCHING_M if things.carried[k] or things.carried[other] else LEAF_PLAY_M
+        there = things.corners[other]
+        if quads_meet(trial, there, play) and not quads_meet(things.corners[k], there, play):
+            return True
+        if not sweeps or things.fraction[other] >= 1.0:
+            continue
+        left, headed = things.travel[other, 0], things.travel[other, 1]
+        for part in range(N_SWEEP if things.carried[other] else 0, N_SWEEP + 1):
+            place_thing(things.rectangles[other], things.places[left], things.places[headed], part / N_SWEEP, scratch)
+            if quads_meet(trial, scratch, play):
+                return True
+    return False
 
 
 @kernel
@@ -309,12 +243,12 @@ def can_stand(
 
 
 @kernel
-def choose_goal(rng: np.random.Generator, goals: NDArray[np.int32], row: float, col: float) -> int:
+def choose_goal(rng: np.random.Generator, goals: NDArray[np.int32], n_compared: int, row: float, col: float) -> int:
     """A goal, mostly a near one: people who all crossed the whole building would jam its doors."""
     chosen = int(rng.integers(0, goals.shape[0]))
     if rng.random() < FAR_SHARE:
         return chosen
-    for _ in range(N_COMPARED - 1):
+    for _ in range(n_compared - 1):
         other = int(rng.integers(0, goals.shape[0]))
         to_chosen = (goals[chosen, 0] - row) ** 2 + (goals[chosen, 1] - col) ** 2
         if (goals[other, 0] - row) ** 2 + (goals[other, 1] - col) ** 2 < to_chosen:
@@ -404,6 +338,8 @@ def move_things(
             for part in range(first, N_SWEEP + 1):
                 place_thing(rectangles[k], places[travel[k, 1]], places[travel[k, 2]], part / N_SWEEP, trial)
                 in_way = who_is_in(trial, robot.pose, robot_radius + stop_m + GAP_M, where, radius + 2 * GAP_M)
+                if in_way == -1 and meets_another(k, trial, things, True):
+                    in_way = THING_IN_WAY
                 if in_way != -1:
                     break
             if in_way == -1:
@@ -426,11 +362,8 @@ def move_things(
                 corners[k, 3, 1] += 1.0
                 continue
             in_way = who_is_in(trial, robot.pose, robot_radius + GAP_M, where, radius + GAP_M)
-            for other in range(n_things):
-                if in_way != -1 or other == k or not (carried[k] or carried[other]):
-                    continue
-                if quads_meet(trial, corners[other]):
-                    in_way = -3
+            if in_way == -1 and meets_another(k, trial, things, False):
+                in_way = THING_IN_WAY
             if in_way == -1:
                 corners[k] = trial
                 fraction[k] = further
@@ -554,7 +487,7 @@ def walk(
             if chance < traits[i, 1] * dt:
                 mind[i, 5] = rng.uniform(-2.0, 2.0)
                 if rng.random() < 0.5:
-                    goal[i] = choose_goal(rng, goals, (y - y0) / cell_m, (x - x0) / cell_m)
+                    goal[i] = choose_goal(rng, goals, floor.n_compared, (y - y0) / cell_m, (x - x0) / cell_m)
             g = goal[i]
             if field_epoch[g] != epoch[0]:
                 fill_field(blocked, goals[g, 0], goals[g, 1], fields[g], queue, queued)
@@ -562,7 +495,7 @@ def walk(
             row, col = int((y - y0) / cell_m), int((x - x0) / cell_m)
             here = fields[g, row, col]
             if here <= NEAR_GOAL:
-                goal[i] = choose_goal(rng, goals, (y - y0) / cell_m, (x - x0) / cell_m)
+                goal[i] = choose_goal(rng, goals, floor.n_compared, (y - y0) / cell_m, (x - x0) / cell_m)
                 if rng.random() < 0.5:
                     mind[i, 1] = rng.exponential(pause_mean_s)
                 continue
@@ -574,7 +507,7 @@ def walk(
                         best, best_row, best_col = fields[g, r, c_], r, c_
             if best == UNREACHED:
                 mind[i, 1] = 0.5 + chance  # closed in, for all this goal says: think of another one
-                goal[i] = choose_goal(rng, goals, (y - y0) / cell_m, (x - x0) / cell_m)
+                goal[i] = choose_goal(rng, goals, floor.n_compared, (y - y0) / cell_m, (x - x0) / cell_m)
                 continue
             dir_x = x0 + (best_col + 0.5) * cell_m - x
             dir_y = y0 + (best_row + 0.5) * cell_m - y
@@ -601,7 +534,7 @@ def walk(
         if mind[i, 6] > STUCK_S:
             mind[i, 6] = 0.0
             mind[i, 0] = rng.uniform(-math.pi, math.pi)
-            goal[i] = choose_goal(rng, goals, (y - y0) / cell_m, (x - x0) / cell_m)
+            goal[i] = choose_goal(rng, goals, floor.n_compared, (y - y0) / cell_m, (x - x0) / cell_m)
 
 
 @kernel

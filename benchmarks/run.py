@@ -11,6 +11,7 @@ import flatness
 import ingest
 import logs
 import queries
+import simulate
 import sizes
 import startup
 from report import Section, describe_run
@@ -28,6 +29,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "queries": queries.run,
     "sizes": sizes.run,
     "startup": startup.run,
+    "simulate": simulate.run,
 }
 
 

@@ -2,12 +2,14 @@
 
 import gzip
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from clearance import assert_nobody_overlaps
 from tempog.errors import TempogError, WorldError
-from tempog.simulation import Route, Thing, Wall, World, load_world, simulate
+from tempog.simulation import Hit, Route, Thing, Wall, World, load_world, simulate
 from tempog.simulation.overlaps import overlap
 from tempog.simulation.polygons import disc_gap, leg_gap
 from tempog.simulation.schedules import Dwell, Listed, Recorded, Weekly
@@ -277,6 +279,15 @@ def test_the_gap_between_a_way_and_a_polygon_is_what_it_should_be():
     assert leg_gap((-5.0, 3.0), (9.0, 3.0), box) == pytest.approx(2.0)
     assert leg_gap((3.0, -4.0), (3.0, 9.0), box[::-1]) == pytest.approx(1.0)
     assert disc_gap((5.0, 5.0), box) == pytest.approx(5.0)
+
+
+def test_the_world_in_the_readme_runs(load):
+    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    world = load(readme.split("```toml\n")[1].split("```")[0])
+    simulation = simulate(world, 60.0)
+    assert {Hit.GLASS, Hit.PERSON, Hit.DOOR} <= set(simulation.hits.ravel().tolist())
+    assert_nobody_overlaps(simulation)
+    assert simulation.poses[:, 0].max() > 6.9
 
 
 # --- recorded people ---

@@ -12,7 +12,10 @@ HAIR_M = 1e-6
 
 def beam(truth, i, j):
     """Start and end of a true beam, and its direction."""
-    x, y, theta = (float(value) for value in truth.poses[i])
+    share = j / (len(truth.angles) - 1)
+    x, y, theta = (
+        float(begin + share * (end - begin)) for begin, end in zip(truth.poses[i], truth.sweep_ends[i], strict=True)
+    )
     angle = theta + float(truth.angles[j])
     length = float(truth.distances[i, j])
     if length == math.inf:

@@ -3,6 +3,7 @@
 import copy
 import json
 from contextlib import suppress
+from dataclasses import replace
 from itertools import pairwise, permutations
 
 import jsonschema
@@ -59,6 +60,7 @@ def small_world(door=(0, -1, 1), people=()):
         everybody[number * ROWS : (number + 1) * ROWS, k] = col * CELL_M + 0.3, at_row * CELL_M + 0.05
     leaf = {0: rectangle(0, 10, 5, 1), 1: rectangle(5, 15, 5, 1), -1: rectangle(7, 12, 1, 2)}
     box = rectangle(10, 12, 5, 1)
+    poses = np.column_stack([0 * t, (row + 0.5) * CELL_M, 0 * t])
     return Truth(
         world="small",
         start_s=1000.0,
@@ -68,8 +70,8 @@ def small_world(door=(0, -1, 1), people=()):
         max_range_m=8.0,
         person_radius_m=0.25,
         t=t,
-        poses=np.column_stack([0 * t, (row + 0.5) * CELL_M, 0 * t]),
-        sweep_ends=np.column_stack([0 * t, (row + 0.5) * CELL_M, 0 * t]),
+        poses=poses,
+        sweep_ends=poses,
         distances=distance[:, None],
         hits=hits[:, None],
         hit_things=things[:, None],
@@ -128,9 +130,64 @@ def test_static_cells_by_hand():
     assert scores.static.n_neutral == 1
 
 
+def test_glass_counts_neither_way():
+    truth = small_world()
+    truth = replace(truth, walls=(*truth.walls, WallTruth(rectangle(0, 5, 5, 1), glass=True)))
+    scores = evaluate(answer(truth, static=[(0, 5), (2, 6), (2, 7), (0, 20)]), truth)
+    assert (scores.static.precision, scores.static.n_neutral) == (Share(1, 2), 2)
+    assert scores.static.recall == Share(2, 10)
+    got = evaluate(answer(truth, unassociated=[(1, [(0, 4), (1, 4)])]), truth).configurations
+    assert (got.n_at_walls, got.n_in_free_space) == (1, 0)
+
+
 def test_cells_are_counted_once_however_often_they_are_reported():
     scores = evaluate(answer(small_world(), static=[(0, 20), (0, 20), (3, 23)]), small_world())
     assert scores.static.precision == Share(1, 2)
+
+
+def test_a_place_that_nobody_saw_is_no_wall_either():
+    truth = small_world(door=(0, 0))
+    assert evaluate(answer(truth, static=A), truth).static.n_neutral == 5  # seen, never free
+    assert evaluate(answer(truth, static=B), truth).static.precision == Share(0, 5)
+
+
+@pytest.mark.parametrize(
+    ("looks", "n_occupied", "observable"),
+    [
+        ([(0, 1, 2), range(15)], 2, True),  # 3 of 15 cells, but 0.3 m
+        ([(0, 0, 1), range(15)], 1, True),  # 2 of 15 cells
+        ([(0, 1), range(15)], 1, True),
+        ([(0, 1), (0, 1, 1)], 1, True),  # all that was ever seen, by three beams
+        ([(0, 1)], 0, False),  # by two
+        ([(3, 3, 3)], 1, False),  # a speck
+    ],
+)
+def test_what_counts_as_seen_occupied(looks, n_occupied, observable):
+    """A leaf of 15 cells; which rows are looked at in each of its periods. In between it is away, and beams pass."""
+    rows, stands_at = [], []
+    for look in looks:
+        rows += [*look, *range(15), *range(15), *range(15)]
+        stands_at += [0] * len(look) + [1] * 45
+    at = np.array(stands_at)
+    n = len(rows)
+    leaf = {"here": rectangle(0, 10, 15, 1), "hidden": rectangle(0, 50, 15, 1)}
+    poses = np.column_stack([np.zeros(n), (np.array(rows) + 0.5) * CELL_M, np.zeros(n)])
+    truth = replace(
+        small_world(),
+        things=(ThingTruth("D", "sliding", leaf),),
+        t=np.arange(n) * 0.1,
+        poses=poses,
+        sweep_ends=poses,
+        distances=np.where(at == 0, 1.0, 2.0)[:, None],
+        hits=np.where(at == 0, Hit.DOOR, Hit.WALL).astype(np.uint8)[:, None],
+        hit_things=np.where(at == 0, 0, -1).astype(np.int16)[:, None],
+        places=at.astype(np.int16)[:, None],
+        corners=np.array([[list(leaf.values())[k]] for k in stands_at]),
+        people=np.empty((n, 0, 2)),
+    )
+    here, hidden = seen_places(truth, CELL_M)
+    assert (here.n_occupied, here.n_free, here.observable) == (n_occupied, len(looks), observable)
+    assert (len(hidden.seen), hidden.observable) == (0, False)
 
 
 def test_a_place_that_is_observable_is_no_wall():
@@ -507,6 +564,13 @@ def test_no_other_choice_matches_more_or_overlaps_more(reported, places):
     assert len({j for j, _ in got.values()}) == len(got)
     assert all(overlap == iou[i][j] for i, (j, overlap) in got.items())
     assert (len(got), round(sum(overlap for _, overlap in got.values()), 9)) == best
+
+
+def test_one_more_match_is_worth_more_than_any_overlap():
+    # Strips of 20 cells, 9 apart. Each reported one overlaps the next place by 12 / 28; three are places themselves.
+    strips = [np.array([[0, col] for col in range(first, first + 20)]) for first in range(0, 45, 9)]
+    got = match(strips[:4], strips[1:], [True] * 4)
+    assert got == {k: (k, 12 / 28) for k in range(4)}
 
 
 def test_of_two_equal_places_the_observable_one_is_taken():

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from tempog.errors import EmptyWindowError, TruthError
-from tempog.simulation import Glass, Hit, load_world, simulate
-from tempog.simulation.cell_sets import contained
+from tempog.simulation import Crowd, Glass, Hit, Laser, Route, Wall, World, load_world, simulate
 from tempog.simulation.truth import ARRAYS, ThingTruth, Truth, WallTruth, read_truth, truth_paths, write_truth
 
 
@@ -104,7 +103,7 @@ def drop_array(as_json, as_npz):
         (change("format", None), 'wanted "format": "tempog-truth"'),
         (change("version", 2), "has version 2, this tempog reads 1"),
         (change("walls", None), "lacks 'walls'"),
-        (change("walls", [{"corners": [[1, 2]], "glass": False}]), r"corners \[\[1, 2\]\] are no polygon"),
+        (change("walls", [{"corners": [[1, 2]]}]), r"corners \[\[1, 2\]\] are no polygon"),
         (change("things", [7]), "is damaged"),
         (change("things", []), r"array places has shape \(300, 8\).*speaks of \(300, 0\)"),
         (lambda j, n: n.write_bytes(b"PK no archive"), "is no archive of arrays"),
@@ -147,31 +146,42 @@ def test_glass_is_no_wall_to_be_found():
     assert len(replace(truth, walls=truth.walls[1:]).static_seen(0.1)) == 0
 
 
+def test_beams_of_a_sweep_start_one_after_the_other():
+    # The laser turns from 3 to -3 rad, the shorter way, by 2 pi - 6, and moves 0.2 m.
+    poses, ends = np.tile([0.0, 0.0, 3.0], (4, 1)), np.tile([0.2, 0.0, -3.0], (4, 1))
+    x, y, angle = facing_a_wall(poses=poses, sweep_ends=ends).beams()
+    np.testing.assert_allclose(x, np.tile([0.0, 0.1, 0.2], (4, 1)))
+    np.testing.assert_allclose(y, 0.0)
+    np.testing.assert_allclose(angle, np.tile([2.9, math.pi, 2 * math.pi - 2.9], (4, 1)))
+
+
+def test_the_truth_about_a_swept_drive_among_glass_reads_back_and_beams_end_where_the_simulation_says(tmp_path):
+    walls = tuple(
+        Wall.box(*box) for box in [(-2, -2, 4, -1.8), (-2, 2, 4, 2.2), (-2, -1.8, -1.8, 2), (3.8, -1.8, 4, 2)]
+    )
+    world = World(
+        Route(((0.0, 0.0), (2.0, 0.0))),
+        walls,
+        people=Crowd(2, legs=True),
+        laser=Laser(n_beams=31, sweep_s=0.1),
+        glass=(Glass((2.0, 1.0), (3.0, 1.0)),),
+    )
+    simulation = simulate(world, 20.0)
+    write_truth(tmp_path / "a.npz", simulation)
+    truth = read_truth(tmp_path / "a.npz")
+    for name in ARRAYS:
+        np.testing.assert_array_equal(getattr(truth, name), getattr(simulation, name))
+    assert [wall.glass for wall in truth.walls] == [False] * 4 + [True]
+    np.testing.assert_array_equal(truth.walls[4].corners, world.glass[0].corners)
+    assert (truth.sweep_ends != truth.poses).any()
+    hit = np.nonzero(np.isfinite(truth.distances))
+    np.testing.assert_allclose(truth.ends(*hit), simulation.end_points[hit], atol=2e-6)
+    assert (truth.hits == Hit.GLASS).any()
+
+
 def test_states_name_places_and_moves():
     places = np.array([[0], [-1], [1], [1]], dtype=np.int16)
     door = ThingTruth("D", "hinged", {"closed": np.eye(4, 2), "open": np.eye(4, 2)})
     truth = facing_a_wall(things=(door,), places=places)
     assert truth.states(0) == [(100.0, "closed"), (101.0, "moving"), (102.0, "open")]
     assert math.isclose(truth.stamps_s[-1], 103.0)
-
-
-def test_beams_of_a_sweeping_laser_end_where_the_simulation_says(tmp_path):
-    hallway = load_world("hallway")
-    simulation = simulate(replace(hallway, laser=replace(hallway.laser, sweep_s=0.08)), duration_s=12.0)
-    write_truth(tmp_path / "log.npz", simulation)
-    truth = read_truth(tmp_path / "log.npz")
-    scans, beams = np.nonzero(np.isfinite(truth.distances))
-    assert abs(truth.sweep_ends - truth.poses).max() > 0.01
-    np.testing.assert_allclose(truth.ends(scans, beams), simulation.end_points[scans, beams], atol=1e-5)
-
-
-def test_glass_is_a_wall_that_nobody_has_to_find():
-    hallway = load_world("hallway")
-    pane = Glass(start=(6.125, 3.1), end=(7.325, 3.1), thickness_m=0.02, pass_share=0.5)
-    truth = Truth.of(simulate(replace(hallway, glass=(pane,)), duration_s=30.0))
-    glass = truth.static_cells(0.05, glass=True)
-    assert 23 <= len(glass) <= 2 * 26  # 1.2 m long, and astride two rows of cells
-    assert not contained(glass, truth.static_cells(0.05)).any()
-    ends = truth.end_cells(Hit.GLASS, 0.05)
-    assert len(ends) > 5
-    assert contained(ends, truth.static_seen(0.05)).sum() <= 2  # where the pane meets the wall at either side

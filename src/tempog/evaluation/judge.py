@@ -68,8 +68,8 @@ def evaluate(document: dict[str, Any], truth: Truth) -> Scores:
     >>> from tempog.simulation import load_world, simulate
     >>> truth = Truth.of(simulate(load_world("hallway"), duration_s=120.0))
     >>> scores = evaluate(truth_document(truth, 0.05), truth)
-    >>> scores.configurations.recall, scores.links.precision
-    (Share(n=5, of=5), Share(n=1, of=1))
+    >>> scores.static.f1, scores.configurations.recall.value, scores.links.n_wrong
+    (1.0, 1.0, 0)
     """
     check_objects(document)
     resolution_m = float(document["resolution_m"])

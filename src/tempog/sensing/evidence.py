@@ -21,6 +21,7 @@ from tempog.sensing.cells import add_hit_points, claim_tiles_of_hits, number_cel
 from tempog.sensing.surfaces import SurfaceMemory
 from tempog.sensing.tiles import FARTHEST_CELL, TILE, TILE_CELLS, CellBox, TileIndex
 
+LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 NO_RETURN_CODES = {"never": raycast.NEVER, "always": raycast.ALWAYS, "neighbours": raycast.NEIGHBOURS}
 
 
@@ -201,7 +202,7 @@ class Sensor:
             scan.x,
             scan.y,
             scan.theta,
-            float(np.float32(scan.max_range)),  # a reading equal to it is a float32
+            float(np.float32(min(scan.max_range, LARGEST_FLOAT32))),  # a reading equal to it is a float32
             self.config.max_range_m,
             self._no_return,
             self.config.evidence == "surface",

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from tempog.analysis.objects import MovingObject, associate
     from tempog.analysis.occupancy import occupancy_grid
     from tempog.analysis.static import CellClass, static_map
-    from tempog.config import GridConfig, MapConfig, ObjectsConfig, SensingConfig
+    from tempog.config import GridConfig, MapConfig, SensingConfig
     from tempog.errors import (
         ClockError,
         ConfigError,
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from tempog.grid.history import CellHistory, Changes, History, Snapshot, Window
     from tempog.grid.temporal_grid import TemporalGrid
     from tempog.grid.time_index import TimeIndex
+    from tempog.methods import EvidenceConfig, PaperConfig
     from tempog.pipeline import build_grid
     from tempog.scans.npz import write_npz
     from tempog.scans.open import open_scans
@@ -47,7 +48,7 @@ _HOMES = {
     "tempog.analysis.objects": ["MovingObject", "associate"],
     "tempog.analysis.occupancy": ["occupancy_grid"],
     "tempog.analysis.static": ["CellClass", "static_map"],
-    "tempog.config": ["GridConfig", "MapConfig", "ObjectsConfig", "SensingConfig"],
+    "tempog.config": ["GridConfig", "MapConfig", "SensingConfig"],
     "tempog.errors": [
         "ClockError",
         "ConfigError",
@@ -61,6 +62,7 @@ _HOMES = {
     "tempog.grid.history": ["CellHistory", "Changes", "History", "Snapshot", "Window"],
     "tempog.grid.temporal_grid": ["TemporalGrid"],
     "tempog.grid.time_index": ["TimeIndex"],
+    "tempog.methods": ["EvidenceConfig", "PaperConfig"],
     "tempog.pipeline": ["build_grid"],
     "tempog.scans.npz": ["write_npz"],
     "tempog.scans.open": ["open_scans"],
@@ -77,6 +79,7 @@ __all__ = [
     "ConfigError",
     "Configuration",
     "EmptyWindowError",
+    "EvidenceConfig",
     "ExtentError",
     "FoundObjects",
     "GridConfig",
@@ -85,7 +88,7 @@ __all__ = [
     "MapConfig",
     "MapError",
     "MovingObject",
-    "ObjectsConfig",
+    "PaperConfig",
     "SavedMap",
     "Scan",
     "ScanError",

@@ -17,22 +17,20 @@ Evidence = Literal["surface", "literal"]
 NoReturn = Literal["neighbours", "never", "always"]
 Measure = Literal["mad", "std"]
 Weight = Literal["duration", "interval"]
-Candidates = Literal["occupied", "all"]
-SeriesDistance = Literal["minkowski", "jaccard"]
 
 MAX_SCAN_CELLS_ACROSS = 8_000  # cells; 200 m of range at 0.05 m: working on one scan then takes 0.6 GB
 
 
-def _require(ok: bool, name: str, seen: object, wanted: str) -> None:
+def require(ok: bool, name: str, seen: object, wanted: str) -> None:
     if not ok:
         raise ConfigError(f"{name} = {seen!r} cannot work; wanted {wanted}")
 
 
-def _require_choice(name: str, seen: object, choices: Any) -> None:
-    _require(seen in get_args(choices), name, seen, "one of " + ", ".join(get_args(choices)))
+def require_choice(name: str, seen: object, choices: Any) -> None:
+    require(seen in get_args(choices), name, seen, "one of " + ", ".join(get_args(choices)))
 
 
-def _make_plain(config: Any) -> None:
+def make_plain(config: Any) -> None:
     """Numbers of any kind, NumPy's too, to Python's own, so that they can be saved."""
     for name, kind in get_type_hints(type(config)).items():
         value = getattr(config, name)
@@ -99,16 +97,16 @@ class SensingConfig:
     snap_m: float = 0.03
 
     def __post_init__(self) -> None:
-        _make_plain(self)
-        _require_choice("evidence", self.evidence, Evidence)
-        _require_choice("no_return", self.no_return, NoReturn)
-        _require(0 < self.max_range_m < math.inf, "max_range_m", self.max_range_m, "metres above 0")
-        _require(0.5 < self.prob_hit < 1, "prob_hit", self.prob_hit, "a probability between 0.5 and 1")
-        _require(0 < self.prob_free < 0.5, "prob_free", self.prob_free, "a probability between 0 and 0.5")
+        make_plain(self)
+        require_choice("evidence", self.evidence, Evidence)
+        require_choice("no_return", self.no_return, NoReturn)
+        require(0 < self.max_range_m < math.inf, "max_range_m", self.max_range_m, "metres above 0")
+        require(0.5 < self.prob_hit < 1, "prob_hit", self.prob_hit, "a probability between 0.5 and 1")
+        require(0 < self.prob_free < 0.5, "prob_free", self.prob_free, "a probability between 0 and 0.5")
         for name in ("free_margin_m", "protect_m", "bridge_m", "collinear_m", "clear_behind_m", "snap_m"):
             value = getattr(self, name)
-            _require(0 <= value <= 10, name, value, "metres from 0 to 10")
-        _require(self.surface_min_hits >= 2, "surface_min_hits", self.surface_min_hits, "2 or more")
+            require(0 <= value <= 10, name, value, "metres from 0 to 10")
+        require(self.surface_min_hits >= 2, "surface_min_hits", self.surface_min_hits, "2 or more")
 
 
 @dataclass(frozen=True)
@@ -136,11 +134,11 @@ class GridConfig:
     max_cells: int = 2**26
 
     def __post_init__(self) -> None:
-        _make_plain(self)
-        _require(1e-3 <= self.resolution_m <= 100, "resolution_m", self.resolution_m, "metres from 0.001 to 100")
-        _require(self.gap_s is None or 0 < self.gap_s < math.inf, "gap_s", self.gap_s, "seconds above 0")
-        _require(0 <= self.tolerance <= 1, "tolerance", self.tolerance, "a probability difference from 0 to 1")
-        _require(64 <= self.max_cells <= 2**31 - 1, "max_cells", self.max_cells, "from 64 to 2**31 - 1")
+        make_plain(self)
+        require(1e-3 <= self.resolution_m <= 100, "resolution_m", self.resolution_m, "metres from 0.001 to 100")
+        require(self.gap_s is None or 0 < self.gap_s < math.inf, "gap_s", self.gap_s, "seconds above 0")
+        require(0 <= self.tolerance <= 1, "tolerance", self.tolerance, "a probability difference from 0 to 1")
+        require(64 <= self.max_cells <= 2**31 - 1, "max_cells", self.max_cells, "from 64 to 2**31 - 1")
 
 
 @dataclass(frozen=True)
@@ -184,112 +182,6 @@ class MapConfig:
             except TypeError as error:
                 raise ConfigError(f"settings group {name!r}: {error}") from None
         return cls(**parts)
-
-
-@dataclass(frozen=True)
-class ObjectsConfig:
-    """How walls, places that change together, objects and what is on the move are told apart (Fig. 6, 7, 10, 11).
-
-    The defaults are the paper's algorithms to the letter; where it leaves something open, the choice has a name
-    here. `METHODS` also has the settings that served these algorithms best.
-
-    Parameters
-    ----------
-    static_measure : "mad" or "std"
-        Spread of a cell's values for Fig. 6: the figure's mean absolute deviation, or the text's standard one.
-    static_weight : "interval" or "duration"
-        Whether an interval counts once however long it lasted, as in Fig. 5, or by its time.
-    candidates : "occupied" or "all"
-        Cells for Fig. 7, static ones left out: those occupied at some time, or all, as in the figure. With all
-        of them the whole floor becomes one configuration.
-    least_occupied : float, 0..1
-        Cells that were occupied for a smaller share of the time they were seen are no candidates either: people
-        pass by, a door stands.
-    neighbourhood : 4 or 8
-        Which cells around a cell are its neighbours.
-    distance : "minkowski" or "jaccard"
-        Of two cells' time series, over the time both were seen. ``minkowski`` compares P(occupied) with the
-        power `distance_p`. ``jaccard`` is the share of the time in which either was occupied that the other was
-        not: two floor cells that are free most of the time are not alike for that.
-    distance_p : float
-        p of the Minkowski distance; 1 is the paper's Manhattan distance.
-    distance_below : float, 0..1
-        Neighbouring cells whose series are closer belong to one configuration (Fig. 7). Of ``minkowski`` in
-        units of P(occupied): with hits worth 0.9 and free 0.1, cells may disagree for an eighth of the time.
-    min_common_s : float, seconds
-        Series, and configurations, that were seen together for a shorter time are not compared: twenty looks of
-        a common 10 Hz scanner.
-    seen_share : float, 0..1
-        A configuration's state counts only while this share of its cells was seen; else the cells at the hinge,
-        which the open and the closed leaf share, would tell the state of the whole leaf.
-    smallest_m : float, metres
-        Configurations that reach less far, corner to corner, are dropped.
-    max_states : int
-        Objects have 2 to so many configurations; the paper's door D1 has 3.
-    within_m : float, metres, optional
-        Only configurations whose centres are this close can be one object; the centres of the two places of a
-        common door leaf are 0.7 m apart, those of a wide one's 180-degree swing 1.2 m. None: any, as in Fig. 10.
-    none_share : float, 0..1
-        Share of the commonly seen time in which no configuration of an object need be occupied; 0 as in the
-        text of section IV.C.1b.
-    both_share : float, 0..1
-        Share of the commonly seen time in which more than one may be occupied: somebody stands in the open door.
-        The paper gives no number; somebody in the doorway for a tenth of the time is a busy door.
-    near_m : float, metres
-        What is this close to a static cell or a configuration is no high dynamic (Fig. 11); 0 as in the figure.
-    """
-
-    static_measure: Measure = "mad"
-    static_weight: Weight = "interval"
-    candidates: Candidates = "occupied"
-    least_occupied: float = 0.0
-    neighbourhood: int = 8
-    distance: SeriesDistance = "minkowski"
-    distance_p: float = 1.0
-    distance_below: float = 0.1
-    min_common_s: float = 2.0
-    seen_share: float = 0.3
-    smallest_m: float = 0.0
-    max_states: int = 3
-    within_m: float | None = 2.0
-    none_share: float = 0.0
-    both_share: float = 0.1
-    near_m: float = 0.0
-
-    def __post_init__(self) -> None:
-        _make_plain(self)
-        _require_choice("static_measure", self.static_measure, Measure)
-        _require_choice("static_weight", self.static_weight, Weight)
-        _require_choice("candidates", self.candidates, Candidates)
-        _require_choice("distance", self.distance, SeriesDistance)
-        _require(self.neighbourhood in (4, 8), "neighbourhood", self.neighbourhood, "4 or 8")
-        _require(0 < self.distance_p < math.inf, "distance_p", self.distance_p, "a number above 0")
-        _require(0 < self.distance_below <= 1, "distance_below", self.distance_below, "above 0, at most 1")
-        _require(0 <= self.min_common_s < math.inf, "min_common_s", self.min_common_s, "seconds, 0 or more")
-        _require(2 <= self.max_states <= 60, "max_states", self.max_states, "from 2 to 60")
-        _require(self.within_m is None or 0 < self.within_m < math.inf, "within_m", self.within_m, "metres above 0")
-        for name in ("smallest_m", "near_m"):
-            _require(0 <= getattr(self, name) <= 100, name, getattr(self, name), "metres from 0 to 100")
-        for name in ("least_occupied", "none_share", "both_share", "seen_share"):
-            _require(0 <= getattr(self, name) <= 1, name, getattr(self, name), "a share from 0 to 1")
-
-
-Method = Literal["paper", "paper-tuned"]
-
-METHODS: dict[Method, ObjectsConfig] = {
-    "paper": ObjectsConfig(),
-    # The best of sixty random choices on four drives through the hallway with 0, 20, 40 and 60 people.
-    "paper-tuned": ObjectsConfig(
-        static_weight="duration",
-        least_occupied=0.3,
-        distance="jaccard",
-        distance_below=0.4,
-        smallest_m=0.4,
-        within_m=1.5,
-        none_share=0.1,
-        near_m=0.1,
-    ),
-}
 
 
 DEFAULT_GAP = "10scans"

@@ -86,7 +86,7 @@ def test_what_a_document_says_is_scored_whatever_method_is_asked(tempog, hall, t
     )
     code, out, _ = tempog("evaluate", tmp_path / "o.json", hall / "hall.npz", "--method", "paper-tuned")
     assert code == 0
-    assert out.startswith("hallway, method paper, 50.0 s, ")
+    assert out.startswith("hallway, method evidence, 50.0 s, ")
     assert "on the move     unknown                 unknown                 0 scans" in out
 
 

@@ -41,7 +41,7 @@ def test_one_experiment_gives_pictures_scores_and_a_table(tempog, tmp_path: Path
     for picture in PICTURES:
         assert (tmp_path / "a" / picture).read_bytes().startswith(b"\x89PNG")
     (scores,) = json.loads((tmp_path / "a" / "scores.json").read_text())
-    assert (scores["people"], scores["seed"], scores["method"], scores["evidence"]) == (20, 3, "paper", "literal")
+    assert (scores["people"], scores["seed"], scores["method"], scores["evidence"]) == (20, 3, "evidence", "surface")
     assert scores["n_scans"] == 1500
     assert scores["scores"]["static"]["f1"] > 0.5
     assert all(seconds > 0 for seconds in scores["seconds"].values())
@@ -56,17 +56,17 @@ def test_all_experiments_by_every_method_with_their_spread(tempog, tmp_path: Pat
     assert code == 0
     rows = rows_of(out)
     assert [(row["people"], row["method"]) for row in rows] == [
-        (people, method) for people in ("0", "20", "40", "60") for method in ("paper", "paper-tuned")
+        (people, method) for people in ("0", "20", "40", "60") for method in ("evidence", "paper", "paper-tuned")
     ]
     assert {row["seeds"] for row in rows} == {"2"}
     runs = json.loads((tmp_path / "a" / "scores.json").read_text())
-    assert len(runs) == 16
+    assert len(runs) == 24
     false = [one["scores"]["configurations"] for one in runs if (one["people"], one["method"]) == (60, "paper")]
     counts = [one["precision"]["of"] - one["precision"]["n"] for one in false]
     assert len(counts) == 2
     mean = f"{sum(counts) / 2:.1f}"
     wanted = mean if counts[0] == counts[1] else f"{mean} ({min(counts):.1f}-{max(counts):.1f})"
-    assert rows[6]["false places"] == wanted
+    assert rows[10]["false places"] == wanted
     assert rows[0]["moving: precision"] == "-"  # nobody is there
     assert (tmp_path / "a" / "side-by-side.png").exists()
     for title in ("1", "2a", "2b", "2c"):

@@ -16,7 +16,8 @@ from tempog.simulation import corridor, simulate
 
 SCHEMA = json.loads((files("tempog") / "schemas/objects-1.json").read_text(encoding="utf-8"))
 # Not the defaults, which find no object in the corridor: so that every part of the file is there to be checked.
-GENEROUS = ["--none-share", 0.9, "--both-share", 0.9, "--min-common", 0.5]
+PAPER = ["--method", "paper"]
+GENEROUS = [*PAPER, "--set", "none_share=0.9", "--set", "both_share=0.9", "--set", "min_common_s=0.5"]
 
 
 @pytest.fixture(scope="module")
@@ -46,14 +47,14 @@ def test_the_schema_is_one() -> None:
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
 
 
-@pytest.mark.parametrize("words", [[], GENEROUS, ["--from", "+20", "--to", "+60"]])
+@pytest.mark.parametrize("words", [[], PAPER, GENEROUS, ["--from", "+20", "--to", "+60"]])
 def test_the_file_follows_the_schema(tempog, corridor_map: Path, tmp_path: Path, words: list[object]) -> None:
     code, out, err = tempog(corridor_map, "--json", tmp_path / "o.json", "--high-dynamic", *words)
     assert (code, err) == (0, "")
     document = json.loads((tmp_path / "o.json").read_text())
     jsonschema.Draft202012Validator(SCHEMA).validate(document)
     assert document["static"]
-    assert document["unassociated"] or document["objects"]
+    assert document["unassociated"] or document["objects"] or "--from" in words  # the door did not move in that time
     assert len(document["high_dynamic"]) == (401 if "--from" in words else 1200)
     assert any(measured["cells"] for measured in document["high_dynamic"])  # the person
     if words == GENEROUS:
@@ -101,10 +102,13 @@ def test_a_file_that_exists_is_not_overwritten_without_force(tempog, corridor_ma
 @pytest.mark.parametrize(
     ("words", "code", "expected"),
     [
-        (["--max-states", 1], 2, "max_states"),
-        (["--within", 0], 2, "within_m"),
-        (["--distance-p", 0], 2, "distance_p"),
-        (["--both-share", 2], 2, "both_share"),
+        (["--set", "max_states=1"], 2, "max_states"),
+        ([*PAPER, "--set", "within_m=0"], 2, "within_m"),
+        ([*PAPER, "--set", "distance-p=0"], 2, "distance_p"),
+        (["--set", "distance_p=1"], 2, "distance_p=1 names no setting"),
+        ([*PAPER, "--set", "both_share=2"], 2, "both_share"),
+        ([*PAPER, "--set", "both_share=much"], 2, "no number"),
+        (["--set", "both_share"], 2, "NAME=VALUE"),
         (["--method", "magic"], 2, "magic"),
         (["--from", "+1000", "--to", "+2000"], 1, "no scan"),
         (["--json", "no/such/place.json"], 1, "not a directory"),
@@ -117,6 +121,20 @@ def test_what_cannot_work_is_refused(
     assert (got, expected in err) == (code, True), err
 
 
-def test_within_inf_compares_all_pairs(tempog, corridor_map: Path, tmp_path: Path) -> None:
-    assert tempog(corridor_map, "--within", "inf", "--max-states", 2, "--json", tmp_path / "o.json")[0] == 0
+def test_within_none_compares_all_pairs(tempog, corridor_map: Path, tmp_path: Path) -> None:
+    words = [*PAPER, "--set", "within_m=none", "--set", "max_states=2", "--json", tmp_path / "o.json"]
+    assert tempog(corridor_map, *words)[0] == 0
     assert json.loads((tmp_path / "o.json").read_text())["settings"]["within_m"] is None
+
+
+def test_the_corridors_door_is_found_by_default(tempog, tmp_path: Path) -> None:
+    save_map(build_grid(simulate(corridor(seed=0), seed=0).scans), tmp_path / "whole.tempog")
+    code, out, _ = tempog(tmp_path / "whole.tempog", "--json", tmp_path / "o.json")
+    assert code == 0
+    assert "method evidence" in out
+    document = json.loads((tmp_path / "o.json").read_text())
+    (door,) = (one for one in document["objects"] if len(one["configurations"]) == 2)
+    assert door["confidence"] > 0.5
+    for place in door["configurations"]:
+        assert all(6.4 < x < 7.6 and 2.4 < y < 3.6 for x, y in place["cells"])
+    assert {place["id"] for place in door["configurations"]} == {where for _, _, where in door["timeline"] if where}

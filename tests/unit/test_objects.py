@@ -13,8 +13,8 @@ from tempog.analysis.find_objects import find_objects
 from tempog.analysis.high_dynamic import high_dynamic
 from tempog.analysis.objects import associate
 from tempog.analysis.static import CellClass, static_map
-from tempog.config import ObjectsConfig
 from tempog.errors import ConfigError, TimeError
+from tempog.methods import PaperConfig
 from tempog.simulation import corridor, simulate
 
 NS = 1_000_000_000
@@ -214,19 +214,19 @@ def test_somebody_beside_the_door_is_on_the_move_unless_near_is_asked_for() -> N
         said["free"].append((5, 4))
     timeline[-1][1]["occupied"].append((5, 4))  # two cells beyond the open leaf, for the last ten seconds
     grid = grid_of(told(timeline))
-    found = find_objects(grid)
+    found = find_objects(grid, "paper")
     assert places(found.configurations) == [CLOSED, OPEN]
     assert found.high_dynamic().cells.tolist() == [[5, 4]]
     assert [len(one.cells) for one in found.high_dynamics(every_s=5.0)] == [0, 0, 0, 0, 1, 1]
-    further = find_objects(grid, settings=ObjectsConfig(near_m=0.1))
+    further = find_objects(grid, "paper", PaperConfig(near_m=0.1))
     assert further.high_dynamic().cells.tolist() == []
 
 
 def test_the_tuned_method_is_the_same_with_other_settings() -> None:
-    found = find_objects(grid_of(told(door("closed", "open", "closed"))), "paper-tuned", ObjectsConfig())
+    found = find_objects(grid_of(told(door("closed", "open", "closed"))), "paper-tuned", PaperConfig())
     assert (len(found.objects), found.unassociated) == (1, ())
     assert found.document()["method"] == "paper-tuned"
-    with pytest.raises(ConfigError, match="paper, paper-tuned"):
+    with pytest.raises(ConfigError, match="evidence, paper, paper-tuned"):
         find_objects(found.history, "magic")
 
 

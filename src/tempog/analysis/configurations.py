@@ -19,9 +19,9 @@ from tempog.analysis.series import (
 )
 from tempog.analysis.series_kernels import connect
 from tempog.analysis.static import CellClass, static_map
-from tempog.config import Candidates, ObjectsConfig
 from tempog.errors import ConfigError
 from tempog.grid.history import OCCUPIED_ABOVE, History
+from tempog.methods import Candidates, PaperConfig
 
 PlaceState = Literal["occupied", "free"]
 
@@ -67,13 +67,13 @@ def find_configurations(
     walls: NDArray[np.int8] | None = None,
     *,
     distance: Distance = "manhattan",
-    threshold: float = ObjectsConfig.distance_below,
-    min_common_s: float = ObjectsConfig.min_common_s,
-    neighbourhood: int = ObjectsConfig.neighbourhood,
-    seen_share: float = ObjectsConfig.seen_share,
-    smallest_m: float = ObjectsConfig.smallest_m,
-    candidates: Candidates = ObjectsConfig.candidates,
-    least_occupied: float = ObjectsConfig.least_occupied,
+    threshold: float = PaperConfig.distance_below,
+    min_common_s: float = PaperConfig.min_common_s,
+    neighbourhood: int = PaperConfig.neighbourhood,
+    seen_share: float = PaperConfig.seen_share,
+    smallest_m: float = PaperConfig.smallest_m,
+    candidates: Candidates = PaperConfig.candidates,
+    least_occupied: float = PaperConfig.least_occupied,
 ) -> list[Configuration]:
     """Groups of neighbouring cells whose time series are close (Fig. 7), as the paper does it.
 
@@ -88,7 +88,7 @@ def find_configurations(
     threshold : float
         Neighbours whose distance is below it belong together.
     neighbourhood, seen_share, smallest_m, candidates, least_occupied
-        See `tempog.config.ObjectsConfig`.
+        See `tempog.config.PaperConfig`.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def find_configurations(
     """
     if not threshold > 0:
         raise ConfigError(f"threshold = {threshold!r} cannot work; wanted a distance above 0")
-    ObjectsConfig(
+    PaperConfig(
         neighbourhood=neighbourhood,
         seen_share=seen_share,
         smallest_m=smallest_m,

@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tempog.analysis.configurations import Configuration, find_configurations, static_cells
+from tempog.analysis.evidence.find import find_by_evidence
 from tempog.analysis.high_dynamic import HighDynamic, high_dynamic, high_dynamics
 from tempog.analysis.objects import MovingObject, associate
 from tempog.analysis.objects_file import objects_document
 from tempog.analysis.static import static_map
-from tempog.config import METHODS, Method, ObjectsConfig
 from tempog.errors import ConfigError
 from tempog.grid.history import History
+from tempog.methods import METHODS, EvidenceConfig, Method, PaperConfig
 from tempog.times import Moment
 
 
@@ -30,7 +31,7 @@ class FoundObjects:
     history : History
         The one it was found in; a window if a window was asked.
     method : str
-    settings : ObjectsConfig
+    settings : PaperConfig or EvidenceConfig
     walls : (n_rows, n_cols) int8, values of `CellClass`
         The static map that was used, over `history.extent`.
     configurations : tuple of Configuration
@@ -40,7 +41,7 @@ class FoundObjects:
 
     history: History
     method: Method
-    settings: ObjectsConfig
+    settings: PaperConfig | EvidenceConfig
     walls: NDArray[np.int8]
     configurations: tuple[Configuration, ...]
     objects: tuple[MovingObject, ...]
@@ -92,17 +93,20 @@ class FoundObjects:
         )
 
 
-def find_objects(history: History, method: Method = "paper", settings: ObjectsConfig | None = None) -> FoundObjects:
+def find_objects(
+    history: History, method: Method = "evidence", settings: PaperConfig | EvidenceConfig | None = None
+) -> FoundObjects:
     """Walls, places that things come to stand in, and which of them are places of one object.
 
     Parameters
     ----------
     history : History
         A grid, a saved map, or a window of either: then only that period counts (section IV.D).
-    method : "paper" or "paper-tuned"
-        ``paper``: Fig. 6, 7 and 10 to the letter. ``paper-tuned``: the same algorithms with the settings that
-        served them best, see `tempog.config.METHODS`.
-    settings : ObjectsConfig, optional
+    method : "evidence", "paper" or "paper-tuned"
+        ``evidence``: from what is known of each state, however long it lasted; see `tempog.analysis.evidence`.
+        ``paper``: Fig. 6, 7 and 10 to the letter. ``paper-tuned``: the same with the settings that served it best,
+        see `tempog.methods.METHODS`.
+    settings : EvidenceConfig or PaperConfig, optional
         Default: those of the method.
 
     Returns
@@ -112,7 +116,7 @@ def find_objects(history: History, method: Method = "paper", settings: ObjectsCo
     Raises
     ------
     ConfigError
-        An unknown method.
+        An unknown method, or settings of another one.
     ScanError
         An empty history.
 
@@ -128,7 +132,21 @@ def find_objects(history: History, method: Method = "paper", settings: ObjectsCo
     if method not in METHODS:
         raise ConfigError(f"method = {method!r} is unknown; wanted one of {', '.join(METHODS)}")
     history.require_scans()
-    settings = settings or METHODS[method]
+    chosen = settings or METHODS[method]
+    if type(chosen) is not type(METHODS[method]):
+        wanted = type(METHODS[method]).__name__
+        raise ConfigError(f"method {method} takes its settings as {wanted}, not {type(chosen).__name__}")
+    if isinstance(chosen, EvidenceConfig):
+        walls, configurations, objects = find_by_evidence(history, chosen)
+    else:
+        walls, configurations, objects = find_by_paper(history, chosen)
+    return FoundObjects(history, method, chosen, walls, tuple(configurations), tuple(objects))
+
+
+def find_by_paper(
+    history: History, settings: PaperConfig
+) -> tuple[NDArray[np.int8], list[Configuration], list[MovingObject]]:
+    """The paper's steps one after the other."""
     walls = static_map(history, measure=settings.static_measure, weight=settings.static_weight)  # Fig. 6
     configurations = find_configurations(  # Fig. 7
         history,
@@ -150,4 +168,4 @@ def find_objects(history: History, method: Method = "paper", settings: ObjectsCo
         both_share=settings.both_share,
         min_common_s=settings.min_common_s,
     )
-    return FoundObjects(history, method, settings, walls, tuple(configurations), tuple(objects))
+    return walls, configurations, objects

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tempog.analysis.configurations import Configuration
 from tempog.analysis.series_kernels import intersect
-from tempog.config import ObjectsConfig
+from tempog.methods import PaperConfig
 from tempog.times import NS_PER_S
 
 
@@ -39,6 +39,9 @@ class MovingObject:
         Where it was, for the time all its places were seen.
     common_s, none_s, both_s : float, seconds
         For how long all its places were seen; how long of it no place was occupied, and how long several.
+    confidence : float, 0..1, optional
+        That these places are those of one thing. For the paper's method the share of `common_s` in which exactly
+        one place was occupied. None for a thing with a single place.
     """
 
     id: int
@@ -47,11 +50,7 @@ class MovingObject:
     common_s: float
     none_s: float
     both_s: float
-
-    @property
-    def confidence(self) -> float:
-        """Share of the commonly seen time in which exactly one place was occupied; 0..1."""
-        return 1 - (self.none_s + self.both_s) / self.common_s
+    confidence: float | None
 
 
 class _Combined(NamedTuple):
@@ -65,11 +64,11 @@ class _Combined(NamedTuple):
 def associate(
     configurations: Sequence[Configuration],
     *,
-    max_states: int = ObjectsConfig.max_states,
-    within_m: float | None = ObjectsConfig.within_m,
-    none_share: float = ObjectsConfig.none_share,
-    both_share: float = ObjectsConfig.both_share,
-    min_common_s: float = ObjectsConfig.min_common_s,
+    max_states: int = PaperConfig.max_states,
+    within_m: float | None = PaperConfig.within_m,
+    none_share: float = PaperConfig.none_share,
+    both_share: float = PaperConfig.both_share,
+    min_common_s: float = PaperConfig.min_common_s,
 ) -> list[MovingObject]:
     """Sets of configurations of which one is occupied at any time (Fig. 10), as the paper does it.
 
@@ -77,7 +76,7 @@ def associate(
     ----------
     configurations : sequence of Configuration
     max_states, within_m, none_share, both_share, min_common_s
-        See `tempog.config.ObjectsConfig`.
+        See `tempog.config.PaperConfig`.
 
     Returns
     -------
@@ -96,7 +95,7 @@ def associate(
     must be the occupied one at some of the remaining times; else any place that stayed empty could be added to
     any object.
     """
-    ObjectsConfig(
+    PaperConfig(
         max_states=max_states,
         within_m=within_m,
         none_share=none_share,
@@ -114,7 +113,8 @@ def associate(
         )
         if none_s <= none_share * common_s and both_s <= both_share * common_s:
             places = tuple(configurations[i] for i in members)
-            found.append((places, _timeline(places, combined), common_s, none_s, both_s))
+            confidence = 1 - (none_s + both_s) / common_s
+            found.append((places, _timeline(places, combined), common_s, none_s, both_s, confidence))
     found.sort(key=lambda answer: (len(answer[0]), [place.id for place in answer[0]]))
     return [MovingObject(k + 1, *answer) for k, answer in enumerate(found)]
 

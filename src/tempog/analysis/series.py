@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from tempog.analysis.dynamics import FALLBACK_LOOK_S
 from tempog.analysis.series_kernels import pair_distances
-from tempog.config import ObjectsConfig
 from tempog.errors import ConfigError
 from tempog.grid.history import OCCUPIED_ABOVE, History
+from tempog.methods import PaperConfig
 from tempog.times import NS_PER_S
 
 
@@ -115,7 +115,7 @@ def series_distances(
     right: NDArray[np.int64],
     *,
     distance: Distance = "manhattan",
-    min_common_s: float = ObjectsConfig.min_common_s,
+    min_common_s: float = PaperConfig.min_common_s,
 ) -> NDArray[np.float64]:
     """How far apart the series of each pair are over the time in which both cells were seen.
 

@@ -9,7 +9,7 @@ import typer
 
 from tempog.cli._output import JsonFlag, QuietFlag, count_text, duration_text, print_json, status, wants_progress
 from tempog.cli.objects import MethodOption
-from tempog.config import Method
+from tempog.methods import Method
 
 if TYPE_CHECKING:
     from tempog.evaluation import Scores, Share
@@ -22,7 +22,7 @@ def evaluate(
         Path, typer.Argument(metavar="MAP_OR_JSON", help="A map, or what tempog objects --json wrote about one.")
     ],
     truth: Annotated[Path, typer.Argument(metavar="TRUTH", help="The log that was mapped, or LOG.truth.json.")],
-    method: MethodOption = "paper",
+    method: MethodOption = "evidence",
     every: Annotated[
         float, typer.Option(min=0, help="Of a map: seconds from one look for what is on the move to the next.")
     ] = 1.0,

@@ -11,8 +11,9 @@ import typer
 
 from tempog._files import whole_file
 from tempog.cli._output import ForceFlag, QuietFlag, print_note, save_figure, status, track_scans, wants_progress
-from tempog.config import METHODS, GridConfig, Method
+from tempog.config import GridConfig
 from tempog.errors import ConfigError, MapError
+from tempog.methods import METHODS, Method
 
 if TYPE_CHECKING:
     from tempog.evaluation.experiment import Outcome
@@ -36,7 +37,7 @@ def experiment(
         list[str] | None,
         typer.Option(
             metavar="|".join(METHODS),
-            help="May be given several times. Default: paper; for all experiments, every method.",
+            help="May be given several times. Default: evidence; for all experiments, every method.",
         ),
     ] = None,
     resolution: Annotated[
@@ -64,7 +65,7 @@ def experiment(
     for one_name in method or []:
         if one_name not in METHODS:
             raise ConfigError(f"--method {one_name} is unknown; wanted one of {', '.join(METHODS)}")
-    methods = cast("list[Method]", method) or (list(METHODS) if name == ALL else ["paper"])
+    methods = cast("list[Method]", method) or (list(METHODS) if name == ALL else ["evidence"])
     resolutions = resolution or ([0.1, 0.05] if name == ALL else [GridConfig.resolution_m])
     folders = {title: output / title if len(runs) > 1 else output for title in runs}
     prepare(output, folders, force)

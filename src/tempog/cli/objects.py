@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
 from tempog._files import whole_file
 from tempog.cli._output import ForceFlag, QuietFlag, check_new_file, count_text, duration_text, status, wants_progress
 from tempog.cli.info import MapArgument
-from tempog.config import METHODS, Candidates, Measure, Method, SeriesDistance, Weight
+from tempog.errors import ConfigError
+from tempog.methods import METHODS, EvidenceConfig, Method, PaperConfig
 from tempog.times import NS_PER_S
 
 if TYPE_CHECKING:
@@ -21,88 +22,43 @@ if TYPE_CHECKING:
     from tempog.grid.history import History
 
 LISTED = 20
+Settings = TypeVar("Settings", PaperConfig, EvidenceConfig, PaperConfig | EvidenceConfig)
 
 MethodOption = Annotated[
-    Method, typer.Option(help="paper: to the letter; paper-tuned: the same with the settings that served it best.")
+    Method,
+    typer.Option(
+        help="evidence: by what speaks for each state; paper: its algorithms to the letter; paper-tuned: the same"
+        " with the settings that served them best."
+    ),
 ]
 
 
 def objects(
     map_path: MapArgument,
-    method: MethodOption = "paper",
+    method: MethodOption = "evidence",
     start: Annotated[str | None, typer.Option("--from", metavar="A", help="Begin of the period.")] = None,
     stop: Annotated[str | None, typer.Option("--to", metavar="B", help="End of the period.")] = None,
     moving: Annotated[bool, typer.Option("--high-dynamic", help="Also what was on the move at each scan.")] = False,
     file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write all of it to a file as JSON.")
     ] = None,
-    static_measure: Annotated[
-        Measure | None, typer.Option(help="Spread of a cell for the static map: mean absolute or standard deviation.")
-    ] = None,
-    static_weight: Annotated[
-        Weight | None, typer.Option(help="Whether intervals count by their time there, or once each.")
-    ] = None,
-    candidates: Annotated[
-        Candidates | None, typer.Option(help="Cells that can be part of a place: once occupied, or all.")
-    ] = None,
-    least_occupied: Annotated[
-        float | None, typer.Option(help="Cells that were occupied for a smaller share of the time are left out.")
-    ] = None,
-    neighbourhood: Annotated[int | None, typer.Option(help="4 or 8 neighbours of a cell.")] = None,
-    distance: Annotated[SeriesDistance | None, typer.Option(help="How time series of cells are compared.")] = None,
-    distance_p: Annotated[float | None, typer.Option(help="p of the Minkowski distance.")] = None,
-    distance_below: Annotated[
-        float | None, typer.Option(help="Neighbouring cells whose series are closer belong together.")
-    ] = None,
-    min_common: Annotated[
-        float | None, typer.Option(help="What was seen together for a shorter time is not compared. Seconds.")
-    ] = None,
-    seen_share: Annotated[
-        float | None, typer.Option(help="Share of a place that must be seen for its state to count.")
-    ] = None,
-    smallest: Annotated[float | None, typer.Option(help="Smaller places are dropped. Metres.")] = None,
-    max_states: Annotated[int | None, typer.Option(help="Most places of one object.")] = None,
-    within: Annotated[
-        float | None, typer.Option(help="Places further apart are not one object; inf: any. Metres.")
-    ] = None,
-    none_share: Annotated[
-        float | None, typer.Option(help="Share of time in which an object may be in none of its places.")
-    ] = None,
-    both_share: Annotated[
-        float | None, typer.Option(help="Share of time in which several of its places may be occupied.")
-    ] = None,
-    near: Annotated[
-        float | None, typer.Option(help="What is so close to walls and places is not on the move. Metres.")
+    chosen: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE",
+            help="A setting of the method, such as within_m=3; may be repeated.",
+        ),
     ] = None,
     force: ForceFlag = False,
     quiet: QuietFlag = False,
 ) -> None:
     """Find objects with several places, such as doors, and what is on the move.
 
-    Settings that are not given are those of the method.
+    Settings that are not set are those of the method; METHOD=evidence has those of tempog.EvidenceConfig, the
+    others of tempog.PaperConfig.
     """
-    given: dict[str, Any] = {
-        "static_measure": static_measure,
-        "static_weight": static_weight,
-        "candidates": candidates,
-        "least_occupied": least_occupied,
-        "neighbourhood": neighbourhood,
-        "distance": distance,
-        "distance_p": distance_p,
-        "distance_below": distance_below,
-        "min_common_s": min_common,
-        "seen_share": seen_share,
-        "smallest_m": smallest,
-        "max_states": max_states,
-        "within_m": within,
-        "none_share": none_share,
-        "both_share": both_share,
-        "near_m": near,
-    }
-    chosen = {name: value for name, value in given.items() if value is not None}
-    if within == float("inf"):
-        chosen["within_m"] = None
-    settings = replace(METHODS[method], **chosen)
+    settings = with_settings(METHODS[method], chosen or [])
     if file is not None:
         check_new_file(file, force)
     from tempog.analysis.find_objects import find_objects
@@ -140,6 +96,34 @@ def objects(
         with whole_file(file) as unfinished:
             unfinished.write_text(json.dumps(document, allow_nan=False) + "\n", encoding="utf-8")
         typer.echo(f"Written: {file}")
+
+
+def with_settings(settings: Settings, chosen: list[str]) -> Settings:
+    """Settings with some of them changed, each given as NAME=VALUE; "none" is no value at all.
+
+    >>> from tempog.methods import METHODS, EvidenceConfig, Method, PaperConfig
+    >>> with_settings(PaperConfig(), ["within_m=none", "max_states=4", "distance=jaccard"]).max_states
+    4
+    """
+    names = {field.name: getattr(settings, field.name) for field in dataclasses.fields(settings)}
+    changed: dict[str, Any] = {}
+    for text in chosen:
+        name, equals, value = text.partition("=")
+        name = name.strip().replace("-", "_")
+        if not equals or name not in names:
+            raise ConfigError(
+                f"--set {text} names no setting of this method; wanted NAME=VALUE with one of {', '.join(names)}"
+            )
+        try:
+            if value == "none":
+                changed[name] = None
+            elif isinstance(names[name], str):
+                changed[name] = value
+            else:
+                changed[name] = int(value) if isinstance(names[name], int) else float(value)
+        except ValueError:
+            raise ConfigError(f"--set {text}: {value!r} is no number") from None
+    return dataclasses.replace(settings, **changed)
 
 
 def place_text(place: Configuration) -> str:

@@ -33,7 +33,7 @@ def show(
     hold: Annotated[
         float, typer.Option(help="Seconds that a cell keeps its last known state (occupancy, age).")
     ] = math.inf,
-    method: MethodOption = "paper",
+    method: MethodOption = "evidence",
     force: ForceFlag = False,
 ) -> None:
     """Draw one layer of a map."""

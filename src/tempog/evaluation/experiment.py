@@ -10,17 +10,16 @@ from typing import Any
 import numpy as np
 
 from tempog.analysis.find_objects import FoundObjects, find_objects
-from tempog.config import Evidence, GridConfig, MapConfig, Method, SensingConfig
+from tempog.config import GridConfig, MapConfig, SensingConfig
 from tempog.evaluation.judge import evaluate
 from tempog.evaluation.scores import Scores
+from tempog.methods import SENSING, Method
 from tempog.pipeline import build_grid
 from tempog.scans.scan import Scan
 from tempog.simulation import Simulation, World, load_world, simulate
 from tempog.simulation.truth import Truth
 
 EXPERIMENTS = {"1": 0, "2a": 20, "2b": 40, "2c": 60}  # people in the hallway
-# Literal algorithms get literal evidence: that is what the paper's method would see.
-EVIDENCE: dict[Method, Evidence] = {"paper": "literal", "paper-tuned": "surface"}
 HIGH_DYNAMIC_EVERY_S = 1.0  # people walk at most 1.5 m/s: scans closer in time judge the same people twice
 
 
@@ -68,7 +67,7 @@ class Outcome:
             "duration_s": self.drive.simulation.duration_s,
             "n_scans": len(self.drive.simulation.scans),
             "method": self.method,
-            "evidence": EVIDENCE[self.method],
+            "evidence": SENSING[self.method],
             "resolution_m": self.resolution_m,
             "scores": self.scores.to_dict(),
             "seconds": {step: round(seconds, 3) for step, seconds in self.step_s.items()},
@@ -89,15 +88,15 @@ def drive_through(
 
 def examine(
     drive: Drive,
-    method: Method = "paper",
+    method: Method = "evidence",
     resolution_m: float = GridConfig.resolution_m,
     track: Callable[[list[Scan]], Iterable[Scan]] | None = None,
 ) -> Outcome:
     """Map a drive, find objects in it, and judge them.
 
-    The map's sensing goes with the method, see `EVIDENCE`. What is on the move is judged once a second.
+    The map's sensing goes with the method, see `tempog.methods.SENSING`. What is on the move is judged once a second.
     """
-    sensing = SensingConfig(evidence=EVIDENCE[method])
+    sensing = SensingConfig(evidence=SENSING[method])
     config = MapConfig(sensing=sensing, grid=GridConfig(resolution_m=resolution_m))
     moments = [time.perf_counter()]
     grid = build_grid(drive.simulation.scans, config, track=track)

@@ -19,9 +19,9 @@ from tempog.analysis.dynamics import map_dynamics
 from tempog.analysis.find_objects import find_objects
 from tempog.analysis.occupancy import CLAMP_PROB_HIGH, CLAMP_PROB_LOW, occupancy_grid
 from tempog.analysis.static import CellClass, static_map
-from tempog.config import Method
 from tempog.errors import ConfigError
 from tempog.grid.history import History
+from tempog.methods import Method
 from tempog.times import Moment
 from tempog.views.canvas import (
     BLACK,
@@ -63,7 +63,7 @@ def draw_layer(
     *,
     at: Moment | None = None,
     hold: float = math.inf,
-    method: Method = "paper",
+    method: Method = "evidence",
     title: str = "",
 ) -> Figure:
     """One layer of a map as a figure.
@@ -78,7 +78,7 @@ def draw_layer(
         For the layers of a moment; default: the last scan.
     hold : float, seconds
         For the layers of a moment: how long a cell keeps its last known state.
-    method : "paper" or "paper-tuned"
+    method : "evidence", "paper" or "paper-tuned"
         For the objects, see `find_objects`; to draw objects that are found already, use `draw_objects`.
     title : str
         Put before what is shown.

@@ -1,0 +1,101 @@
+"""Walls, places and objects from evidence per state: the whole method on one screen."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tempog.analysis.configurations import Configuration
+from tempog.analysis.evidence.association import PlaceSet, associate_places
+from tempog.analysis.evidence.grouping import group_cells
+from tempog.analysis.evidence.places import Place, find_places
+from tempog.analysis.evidence.states import CellStates, cell_states
+from tempog.analysis.objects import MovingObject, ObjectPeriod
+from tempog.analysis.series import ever_occupied
+from tempog.analysis.static import CellClass
+from tempog.grid.history import History
+from tempog.methods import EvidenceConfig
+from tempog.times import NS_PER_S
+
+
+def find_by_evidence(
+    history: History, settings: EvidenceConfig
+) -> tuple[NDArray[np.int8], list[Configuration], list[MovingObject]]:
+    """Static map, configurations and objects of a history; see `find_objects`."""
+    states = cell_states(history, settings)
+    places = find_places(states, group_cells(states, settings), settings)
+    sets = associate_places(places, settings)
+    configurations = [_configuration(k + 1, place, states) for k, place in enumerate(places)]
+    walls = _classes(history, states, places, settings)
+    return walls, configurations, _objects(sets, places, configurations)
+
+
+def _configuration(number: int, place: Place, states: CellStates) -> Configuration:
+    cells = np.stack([states.rows[place.cells], states.cols[place.cells]], axis=-1).astype(np.int32)
+    return Configuration(number, cells, place.points_map, place.periods)
+
+
+def _classes(history: History, states: CellStates, places: list[Place], settings: EvidenceConfig) -> NDArray[np.int8]:
+    """Static is what was occupied for most of the time and belongs to no place."""
+    classes = np.full(history.tiles.n_cells, CellClass.UNEXPLORED, dtype=np.int8)
+    classes[ever_occupied(history, above=0.0)] = CellClass.FREE
+    share = states.occupied_share
+    numbers = states.series.cells
+    classes[numbers[share > 1 - settings.static_share]] = CellClass.CHANGING
+    classes[numbers[share >= settings.static_share]] = CellClass.STATIC
+    for place in places:
+        classes[numbers[place.cells]] = CellClass.CHANGING
+    return history.tiles.to_dense(classes, CellClass.UNEXPLORED)
+
+
+def _objects(sets: list[PlaceSet], places: list[Place], configurations: list[Configuration]) -> list[MovingObject]:
+    """Things of several places, then those of one, each group by the number of its first place."""
+    members = [one.members for one in sets]
+    several = {i for group in members for i in group}
+    odds = {one.members: one.log_odds for one in sets}
+    alone = [(i,) for i in range(len(places)) if i not in several]
+    objects = []
+    for k, group in enumerate([*sorted(members), *alone]):
+        timeline, common_s, none_s, both_s = _timeline(group, places, configurations)
+        confidence = 1 / (1 + math.exp(-odds[group])) if group in odds else None
+        chosen = tuple(configurations[i] for i in group)
+        objects.append(MovingObject(k + 1, chosen, timeline, common_s, none_s, both_s, confidence))
+    return objects
+
+
+def _timeline(
+    group: tuple[int, ...], places: list[Place], configurations: list[Configuration]
+) -> tuple[tuple[ObjectPeriod, ...], float, float, float]:
+    """Where a thing was while any of its places was seen; how long all were seen, none, or several occupied."""
+    moments = sorted({moment for i in group for period in places[i].periods for moment in period[:2]})
+    at = dict.fromkeys(group, 0)
+    timeline: list[ObjectPeriod] = []
+    common_s = none_s = both_s = 0.0
+    for since, until in pairwise(moments):
+        known, there = 0, []
+        for i in group:
+            periods = places[i].periods
+            while at[i] < len(periods) and periods[at[i]].stop_ns <= since:
+                at[i] += 1
+            if at[i] < len(periods) and periods[at[i]].start_ns <= since:
+                known += 1
+                if periods[at[i]].state == "occupied":
+                    there.append(configurations[i].id)
+        if not known:
+            continue
+        lasted_s = (until - since) / NS_PER_S
+        if known == len(group):
+            common_s += lasted_s
+            none_s += lasted_s * (not there)
+            both_s += lasted_s * (len(there) > 1)
+        where = there[0] if len(there) == 1 else None
+        if where is None and known < len(group) and not there:
+            continue  # it may be in a place that was not seen
+        if timeline and timeline[-1].stop_ns == since and timeline[-1].configuration == where:
+            timeline[-1] = timeline[-1]._replace(stop_ns=until)
+        else:
+            timeline.append(ObjectPeriod(since, until, where))
+    return tuple(timeline), common_s, none_s, both_s

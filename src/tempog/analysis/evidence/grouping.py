@@ -1,0 +1,139 @@
+"""Cells that change together: a likelihood ratio for each pair nearby, then groups that agree as a whole."""
+
+from __future__ import annotations
+
+import heapq
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tempog.analysis.evidence.kernels import joint_evidence
+from tempog.analysis.evidence.states import CellStates
+from tempog.methods import EvidenceConfig
+
+DISAGREEMENT = (
+    0.1  # share of stretches in which two cells of one thing may differ: they are not seen by the same beam
+)
+
+
+def group_cells(states: CellStates, settings: EvidenceConfig) -> list[NDArray[np.int64]]:
+    """Groups of cells that were occupied and free together, each as sorted indices into `states`.
+
+    Only cells take part for whose having been occupied, and free, there is some evidence. Two groups are merged if
+    the pairs of neighbours across them agree in the mean, the most alike first: one similar neighbour alone does not
+    chain a door to the people before it.
+    """
+    changing = np.flatnonzero((states.evidence >= settings.least_evidence).all(axis=1))
+    reach = max(1, round(settings.reach_m / states.resolution_m))
+    left, right = pairs_within(states.rows[changing], states.cols[changing], reach)
+    evidence = np.zeros((len(left), 4))
+    series = states.series
+    periods = (series.offsets, series.start_ns, series.stop_ns, states.state)
+    joint_evidence(*periods, changing[left], changing[right], settings.worth_s, evidence)
+    label = merge(len(changing), left, right, likelihood_ratios(evidence), settings.alike_above)
+    order = np.argsort(label, kind="stable")
+    bounds = np.flatnonzero(np.diff(label[order])) + 1
+    return [changing[group] for group in np.split(order, bounds)] if len(order) else []
+
+
+def pairs_within(
+    rows: NDArray[np.int64], cols: NDArray[np.int64], reach: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Which of some distinct cells, sorted by row and col, are at most `reach` cells apart: each pair once.
+
+    >>> [pair.tolist() for pair in pairs_within(np.array([0, 0, 0, 2]), np.array([0, 1, 3, 3]), 2)]
+    [[0, 1, 2], [1, 2, 3]]
+    """
+    if not len(rows):
+        return np.empty(0, np.int64), np.empty(0, np.int64)
+    width = int(cols.max() - cols.min()) + 2 * reach + 1  # padded: a row's end is near no other row's begin
+    key = (rows - rows.min()) * width + (cols - cols.min())
+    left, right = [], []
+    for up in range(reach + 1):
+        for across in range(-reach, reach + 1):
+            if (up, across) > (0, 0) and up * up + across * across <= reach * reach:
+                found = np.minimum(np.searchsorted(key, key + up * width + across), len(key) - 1)
+                touches = np.flatnonzero(key[found] == key + up * width + across)
+                left.append(touches)
+                right.append(found[touches])
+    first, second = np.concatenate(left), np.concatenate(right)
+    order = np.lexsort((second, first))
+    return first[order], second[order]
+
+
+def likelihood_ratios(evidence: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How much likelier the joint states are if both cells show one thing than if each shows its own; log.
+
+    Of one thing: occupied with its share of the time, and both alike but for `DISAGREEMENT`. Of two: each occupied
+    with its own share, independently. Two cells of floor, free together, gain next to nothing.
+
+    Parameters
+    ----------
+    evidence : (n_pairs, 4)
+        For both free, right only, left only, both occupied; see `joint_evidence`.
+    """
+    neither, right_only, left_only, both = evidence.T
+    total = evidence.sum(axis=1) + 2
+    left = (left_only + both + 1) / total  # a stretch of either state is taken as seen beforehand
+    right = (right_only + both + 1) / total
+    one = (left + right) / 2
+    agree, differ = 1 - DISAGREEMENT, DISAGREEMENT / 2
+    return np.asarray(
+        both * np.log(one * agree / (left * right))
+        + neither * np.log((1 - one) * agree / ((1 - left) * (1 - right)))
+        + left_only * np.log(differ / (left * (1 - right)))
+        + right_only * np.log(differ / ((1 - left) * right))
+    )
+
+
+def merge(
+    n: int, left: NDArray[np.int64], right: NDArray[np.int64], weight: NDArray[np.float64], above: float
+) -> NDArray[np.int64]:
+    """Merge groups while the mean weight of the pairs across two of them exceeds `above`; returns labels (n,).
+
+    The two with the largest mean go first. Pairs are kept with the group that has more of them, so the whole takes
+    n_pairs log n_pairs steps.
+
+    >>> merge(3, np.array([0, 1]), np.array([1, 2]), np.array([2.0, -1.0]), 0.0).tolist()
+    [0, 0, 2]
+    """
+    across: list[dict[int, list[float]]] = [{} for _ in range(n)]
+    for a, b, pair_weight in zip(left.tolist(), right.tolist(), weight.tolist(), strict=True):
+        across[a][b] = across[b][a] = [pair_weight, 1.0]  # sum and count, shared by both sides
+    waiting = [
+        (-w, a, b, 0, 0) for a, b, w in zip(left.tolist(), right.tolist(), weight.tolist(), strict=True) if w > above
+    ]
+    heapq.heapify(waiting)
+    parent, version, alive = list(range(n)), [0] * n, [True] * n
+    while waiting:
+        _, a, b, version_a, version_b = heapq.heappop(waiting)
+        if not (alive[a] and alive[b]) or (version[a], version[b]) != (version_a, version_b):
+            continue
+        if len(across[a]) < len(across[b]):
+            a, b = b, a
+        alive[b], parent[b] = False, a
+        version[a] += 1
+        del across[a][b]
+        for c, sums in across[b].items():
+            if c == a:
+                continue
+            del across[c][b]
+            known = across[a].get(c)
+            if known is None:
+                across[a][c] = across[c][a] = sums
+            else:
+                known[0] += sums[0]
+                known[1] += sums[1]
+        across[b] = {}
+        for c, (total, count) in across[a].items():
+            if total / count > above:
+                waiting_pair = (-total / count, a, c, version[a], version[c])
+                heapq.heappush(waiting, waiting_pair)
+    smallest = list(range(n))
+    for i in range(n):
+        root = i
+        while parent[root] != root:
+            root = parent[root]
+        parent[i] = root
+        smallest[root] = min(smallest[root], i)
+    return np.array([smallest[root] for root in parent], dtype=np.int64)

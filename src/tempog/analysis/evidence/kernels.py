@@ -1,0 +1,158 @@
+"""Kernels over time series of cells: smoothed states, and how much evidence there is for what.
+
+Arrays in, arrays out. The periods of series i are at ``offsets[i]:offsets[i + 1]`` of `start_ns`, `stop_ns`, and of
+`value` or `state`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tempog._jit import kernel
+
+
+@kernel
+def smooth_states(
+    offsets: NDArray[np.int64],
+    start_ns: NDArray[np.int64],
+    stop_ns: NDArray[np.int64],
+    value: NDArray[np.float32],
+    look_ns: int,
+    occupied_above: float,
+    for_hit: float,
+    for_free: float,
+    max_looks: float,
+    dwell_s: float,
+    state: NDArray[np.uint8],
+) -> None:
+    """The likeliest course of each cell's two-state hidden Markov model (Viterbi 1967), a state per interval.
+
+    for_hit, for_free   log-likelihood ratio, occupied against free, of one look that hits or passes
+    max_looks           an interval counts for at most so many independent looks
+    dwell_s             mean time that a cell keeps a state
+    state (n_periods,)  1 occupied, 0 free   [written]
+    """
+    n_series = offsets.shape[0] - 1
+    longest = 0
+    for i in range(n_series):
+        longest = max(longest, offsets[i + 1] - offsets[i])
+    came_from = np.zeros((longest + 1, 2), dtype=np.uint8)
+    for i in range(n_series):
+        first, end = offsets[i], offsets[i + 1]
+        free, occupied = 0.0, 0.0
+        for k in range(first, end):
+            looks = min((stop_ns[k] - start_ns[k]) / look_ns, max_looks)
+            gain = looks * (for_hit if value[k] > occupied_above else for_free)
+            if k == first:
+                free, occupied = 0.0, gain
+                continue
+            between_s = (max(start_ns[k] - stop_ns[k - 1], 0) + look_ns) * 1e-9
+            changed = 0.5 * (1.0 - math.exp(-2.0 * between_s / dwell_s))
+            stay, switch = math.log(1.0 - changed), math.log(max(changed, 1e-300))
+            came_from[k - first, 0] = occupied + switch > free + stay
+            came_from[k - first, 1] = occupied + stay >= free + switch
+            free, occupied = max(free + stay, occupied + switch), max(occupied + stay, free + switch) + gain
+        best = np.uint8(occupied > free)
+        for k in range(end - 1, first - 1, -1):
+            state[k] = best
+            if k > first:
+                best = came_from[k - first, best]
+
+
+@kernel
+def state_evidence(
+    offsets: NDArray[np.int64],
+    start_ns: NDArray[np.int64],
+    stop_ns: NDArray[np.int64],
+    state: NDArray[np.uint8],
+    worth_s: float,
+    evidence: NDArray[np.float64],
+    seconds: NDArray[np.float64],
+) -> None:
+    """For each series, what speaks for its having been free [0] and occupied [1].
+
+    Each stretch of one state, however long the gaps in it, adds ``1 - exp(-observed / worth_s)``.
+    evidence, seconds (n_series, 2)   [updated]
+    """
+    for i in range(offsets.shape[0] - 1):
+        current, lasted = -1, 0.0
+        for k in range(offsets[i], offsets[i + 1]):
+            observed_s = (stop_ns[k] - start_ns[k]) * 1e-9
+            seconds[i, state[k]] += observed_s
+            if state[k] != current:
+                if current >= 0:
+                    evidence[i, current] += 1.0 - math.exp(-lasted / worth_s)
+                current, lasted = int(state[k]), 0.0
+            lasted += observed_s
+        if current >= 0:
+            evidence[i, current] += 1.0 - math.exp(-lasted / worth_s)
+
+
+@kernel
+def joint_evidence(
+    offsets: NDArray[np.int64],
+    start_ns: NDArray[np.int64],
+    stop_ns: NDArray[np.int64],
+    state: NDArray[np.uint8],
+    left: NDArray[np.int64],
+    right: NDArray[np.int64],
+    worth_s: float,
+    evidence: NDArray[np.float64],
+) -> None:
+    """For each pair of series, what speaks for each joint state: both free, right only, left only, both occupied.
+
+    As `state_evidence`, over the time in which both were seen.
+    left, right (n_pairs,) which series; evidence (n_pairs, 4)   [updated]
+    """
+    for pair in range(left.shape[0]):
+        a, a_end = offsets[left[pair]], offsets[left[pair] + 1]
+        b, b_end = offsets[right[pair]], offsets[right[pair] + 1]
+        current, lasted = -1, 0.0
+        while a < a_end and b < b_end:
+            common = min(stop_ns[a], stop_ns[b]) - max(start_ns[a], start_ns[b])
+            if common > 0:
+                joint = 2 * int(state[a]) + int(state[b])
+                if joint != current:
+                    if current >= 0:
+                        evidence[pair, current] += 1.0 - math.exp(-lasted / worth_s)
+                    current, lasted = joint, 0.0
+                lasted += common * 1e-9
+            if stop_ns[a] <= stop_ns[b]:
+                a += 1
+            else:
+                b += 1
+        if current >= 0:
+            evidence[pair, current] += 1.0 - math.exp(-lasted / worth_s)
+
+
+@kernel
+def occupied_during(
+    offsets: NDArray[np.int64],
+    start_ns: NDArray[np.int64],
+    stop_ns: NDArray[np.int64],
+    value: NDArray[np.float32],
+    occupied_above: float,
+    which: NDArray[np.int64],
+    since_ns: NDArray[np.int64],
+    until_ns: NDArray[np.int64],
+) -> float:
+    """Seconds for which some series were hit within some spells, added up over series and spells.
+
+    which (n,) series; since_ns, until_ns (n_spells,) in time order, without overlap
+    """
+    total = 0.0
+    for i in which:
+        spell = 0
+        k = offsets[i]
+        while k < offsets[i + 1] and spell < since_ns.shape[0]:
+            common = min(stop_ns[k], until_ns[spell]) - max(start_ns[k], since_ns[spell])
+            if common > 0 and value[k] > occupied_above:
+                total += common * 1e-9
+            if stop_ns[k] <= until_ns[spell]:
+                k += 1
+            else:
+                spell += 1
+    return total

@@ -17,10 +17,7 @@ def beam(truth, i, j):
         float(begin + share * (end - begin)) for begin, end in zip(truth.poses[i], truth.sweep_ends[i], strict=True)
     )
     angle = theta + float(truth.angles[j])
-    length = float(truth.distances[i, j])
-    if length == math.inf:
-        length = truth.max_range_m
-    return x, y, math.cos(angle), math.sin(angle), length
+    return x, y, math.cos(angle), math.sin(angle), float(truth.distances[i, j])
 
 
 def end_cell(truth, i, j, resolution):
@@ -32,8 +29,10 @@ def end_cell(truth, i, j, resolution):
 
 
 def crosses(truth, i, j, cell, resolution):
-    """Clip the beam at the four sides of the cell: is anything left, and does the beam go on behind it?"""
+    """Clip the beam at the four sides of the cell: is anything left, and does the beam end on something behind it?"""
     x, y, cos, sin, length = beam(truth, i, j)
+    if length == math.inf:  # it ended nowhere
+        return False
     row, col = cell
     begin, end = 0.0, math.inf
     # The part of the beam with ``start + t * direction >= limit``, for each side seen from inside.

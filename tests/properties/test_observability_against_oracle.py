@@ -104,7 +104,7 @@ def test_a_beam_crosses_the_cells_that_the_oracle_says(truth, resolution):
     rows, cols = np.mgrid[-3:4, 7:13]
     cells = np.column_stack([rows.ravel(), cols.ravel()])
     x, y, angle = truth.beams()
-    reach = np.where(np.isfinite(truth.distances), truth.distances, truth.max_range_m)
+    reach = np.where(np.isfinite(truth.distances), truth.distances, 0.0)
     n_scans = len(truth.t)
     crossed, n_beams = np.zeros((n_scans, len(cells)), dtype=bool), np.zeros(n_scans, dtype=np.int64)
     low = cells[:, ::-1] * resolution

@@ -7,8 +7,9 @@ noise and drop-outs; cells are those of one resolution.
 - The seen cells of a place are those that it covers and in which a beam ended on the thing resting there.
 - It was seen occupied in a period if `SEEN_BEAMS` beams or more ended on it, in `SEEN_SHARE` or more of its seen
   cells, or in as many cells as make `SEEN_M`.
-- It was seen free in a period if `SEEN_BEAMS` beams or more crossed seen cells of it and ended behind them, together
-  in `SEEN_SHARE` or more of its seen cells.
+- It was seen free in a period if `SEEN_BEAMS` beams or more crossed seen cells of it and ended on something behind
+  them, together in `SEEN_SHARE` or more of its seen cells. Beams without return tell nothing: a dark wall or a
+  drop-out looks the same.
 - It is observable if its seen cells make `SPECK_M` or more, and it was seen occupied in one period or more, and
   free in one or more. Whoever misses another place could not have known better.
 """
@@ -84,7 +85,7 @@ def seen_places(truth: Truth, resolution_m: float) -> list[SeenPlace]:
 
     x, y, angle = truth.beams()
     cos, sin = np.cos(angle), np.sin(angle)
-    reach = np.where(np.isfinite(truth.distances), truth.distances, truth.max_range_m)
+    reach = np.where(np.isfinite(truth.distances), truth.distances, 0.0)  # without return: crosses nothing
     found = []
     for k, thing in enumerate(truth.things):
         scans, beams = np.nonzero(truth.hit_things == k)

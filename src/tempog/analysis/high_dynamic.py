@@ -157,16 +157,9 @@ def _at_scans(
 
 def _widened(history: History, marked: NDArray[np.bool_], reach_m: float) -> NDArray[np.bool_]:
     """Per cell number: whether the centre of a marked cell is within `reach_m`."""
-    dense = history.tiles.to_dense(marked, False)
-    wide = dense.copy()
-    reach = int(reach_m / history.tiles.spec.resolution_m + 1e-9)
-    for up in range(-reach, reach + 1):
-        across = int(np.sqrt(reach**2 - up**2) + 1e-9)
-        for right in range(-across, across + 1):
-            into, of = (
-                (slice(max(up * sign, 0), dense.shape[0] + min(up * sign, 0)),
-                 slice(max(right * sign, 0), dense.shape[1] + min(right * sign, 0)))
-                for sign in (1, -1)
-            )  # fmt: skip
-            wide[into] |= dense[of]
-    return np.asarray(history.tiles.from_dense(wide))
+    from scipy.ndimage import distance_transform_edt
+
+    if not marked.any():  # nothing to measure a distance to
+        return marked
+    cells_away = distance_transform_edt(~history.tiles.to_dense(marked, False))
+    return np.asarray(history.tiles.from_dense(cells_away <= reach_m / history.tiles.spec.resolution_m + 1e-9))

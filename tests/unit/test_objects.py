@@ -7,10 +7,10 @@ import pytest
 
 from fed_grid import grid_of
 from strategies import STREAM_START_NS, Stream
-from tempog import build_grid
+from tempog import Scan, build_grid
 from tempog.analysis.configurations import find_configurations
 from tempog.analysis.find_objects import find_objects
-from tempog.analysis.high_dynamic import high_dynamic
+from tempog.analysis.high_dynamic import high_dynamic, high_dynamics
 from tempog.analysis.objects import associate
 from tempog.analysis.static import CellClass, static_map
 from tempog.errors import ConfigError, TimeError
@@ -220,6 +220,22 @@ def test_somebody_beside_the_door_is_on_the_move_unless_near_is_asked_for() -> N
     assert [len(one.cells) for one in found.high_dynamics(every_s=5.0)] == [0, 0, 0, 0, 1, 1]
     further = find_objects(grid, "paper", PaperConfig(near_m=0.1))
     assert further.high_dynamic().cells.tolist() == []
+
+
+@pytest.mark.parametrize(
+    ("every_s", "wanted_s"),
+    [
+        (0.0, [0.0, 0.4, 1.9, 2.0, 2.8996, 30.0]),
+        (1e-300, [0.0, 0.4, 1.9, 2.0, 2.8996, 30.0]),
+        (1.0, [0.0, 1.9, 2.8996, 30.0]),  # 2.0 s is too soon after 1.9 s; 2.8996 s is late enough, but for rounding
+        (2.0, [0.0, 2.0, 30.0]),
+        (1e300, [0.0]),
+    ],
+)
+def test_looks_for_what_is_on_the_move_are_so_far_apart_in_time(every_s, wanted_s) -> None:
+    stamps_s = (0.0, 0.4, 1.9, 2.0, 2.8996, 30.0)
+    grid = build_grid([Scan(t, (0.0, 0.0, 0.0), [0.0], [1.0], 8.0) for t in stamps_s])
+    assert [one.stamp_ns / NS for one in high_dynamics(grid, every_s)] == wanted_s
 
 
 def test_the_tuned_method_is_the_same_with_other_settings() -> None:

@@ -15,6 +15,9 @@ from tempog.grid.history import OCCUPIED_ABOVE, History
 from tempog.sensing.tiles import NO_CELL
 from tempog.times import NS_PER_S, Moment
 
+ROUNDING_NS = 500_000  # stamps of a steady clock are off by rounding
+LONGEST_NS = 2**62  # 146 years; two of them still fit int64
+
 
 class HighDynamic(NamedTuple):
     """Cells that something on the move occupied at one measurement.
@@ -106,10 +109,13 @@ def high_dynamics(
         raise ConfigError(f"every_s = {every_s!r} cannot work; wanted seconds, 0 or more")
     scans = np.arange(history.first_scan, history.last_scan + 1)
     if every_s > 0:
-        elapsed_s = (history.stamps_ns[scans] - history.stamps_ns[scans[0]]) / NS_PER_S
-        # Half a millisecond: stamps of a steady clock are off by rounding.
-        slots = np.floor((elapsed_s + 5e-4) / every_s).astype(np.int64)
-        scans = scans[np.unique(slots, return_index=True)[1]]
+        elapsed_ns = history.stamps_ns[scans] - history.stamps_ns[scans[0]]
+        step_ns = int(min(every_s * NS_PER_S, LONGEST_NS)) - ROUNDING_NS
+        chosen, after = [], 0
+        while after < len(scans):
+            chosen.append(after)
+            after = max(after + 1, int(np.searchsorted(elapsed_ns, elapsed_ns[after] + step_ns)))
+        scans = scans[chosen]
     return _at_scans(history, scans, walls, configurations, near_m)
 
 

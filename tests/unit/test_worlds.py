@@ -262,6 +262,21 @@ def test_a_file_that_is_not_there_is_refused_with_the_worlds_that_are(tmp_path):
         load_world(tmp_path / "nowhere.toml")
 
 
+def test_a_directory_called_like_a_packaged_world_is_none(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("hallway", "random"):
+        (tmp_path / name).mkdir()
+    assert load_world("hallway").name == "hallway"
+    assert load_world("random", 3).name == "random 3"
+
+
+def test_a_world_is_called_like_its_file_unless_it_says_otherwise(tmp_path):
+    (tmp_path / "flat.toml").write_text(ROOM)
+    assert load_world(tmp_path / "flat.toml").name == "flat"
+    (tmp_path / "flat.toml").write_text('name = "my flat"\n' + ROOM)
+    assert load_world(tmp_path / "flat.toml").name == "my flat"
+
+
 def test_worlds_made_in_python_are_checked_too():
     with pytest.raises(WorldError, match="no area"):
         World(Route(((0.0, 0.0),)), (Wall(((1.0, 1.0), (2.0, 2.0), (3.0, 3.0))),))

@@ -3,6 +3,7 @@
 Lengths are metres, angles degrees, times seconds::
 
     duration_s = 900.0
+    name = "hall", or else as the file
     [robot]        waypoints = [[x, y], ...], route = "back and forth" | "round", speed_m_s, turn_deg_s,
                    radius_m, stop_m, heading_deg
     [people]       number, speed_m_s = [low, high], turn_rate_hz = [low, high], pause_s, radius_m, legs,
@@ -79,7 +80,7 @@ def load_world(path: str | Path, seed: int = 0) -> World:
     (8, 900.0)
     """
     path = Path(path)
-    if path.name == str(path) and not path.suffix and not path.exists():
+    if path.name == str(path) and not path.suffix and not path.is_file():
         if path.name == RANDOM:
             from tempog.simulation.buildings import random_building  # here, as it builds from tables, too
 
@@ -93,7 +94,7 @@ def load_world(path: str | Path, seed: int = 0) -> World:
         hint = f"\n  Packaged worlds: {names}." if isinstance(error, OSError) else ""
         raise WorldError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}{hint}") from error
     try:
-        return world_from_tables(tables, path.parent)
+        return world_from_tables({"name": path.stem, **tables}, path.parent)
     except (WorldError, ConfigError) as error:
         raise WorldError(f"{path}: {error}") from error
 
@@ -109,7 +110,7 @@ def packaged(name: str) -> Path:
 
 
 def _world(world: Table, folder: Path) -> World:
-    name, duration_s = world.text("name", "-"), world.number("duration_s", 60.0)
+    name, duration_s = world.text("name", ""), world.number("duration_s", 60.0)
     keyed = [(table.key, piece) for table in world.tables("wall") for piece in _wall(table)]
     check_overlaps([(key, np.array(wall.corners)) for key, (wall, _) in keyed])
     walls = [piece for _, piece in keyed]

@@ -85,6 +85,7 @@ def test_any_world_can_be_an_experiment(tempog, tmp_path: Path) -> None:
         (["1", "--people", 5], 2, "--people"),
         (["1", "--method", "magic"], 2, "paper, paper-tuned"),
         (["1", "--resolution", -1], 2, "resolution_m"),
+        (["hallway", "--duration", 1e9, "--resolution", 0.1, "--resolution", 1e-3], 2, "coarser resolution"),
         (["1", "--duration", -1], 1, "duration_s"),
         (["no-such-world"], 1, "hallway"),
     ],
@@ -92,6 +93,7 @@ def test_any_world_can_be_an_experiment(tempog, tmp_path: Path) -> None:
 def test_what_cannot_work_is_refused(tempog, tmp_path: Path, words: list[object], code: int, expected: str) -> None:
     got, _, err = tempog(*words, "-o", tmp_path / "a")
     assert (got, expected in err) == (code, True), err
+    assert not (tmp_path / "a").exists()
 
 
 def test_results_are_not_overwritten_without_force(tempog, tmp_path: Path) -> None:

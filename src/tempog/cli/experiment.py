@@ -11,7 +11,7 @@ import typer
 
 from tempog._files import whole_file
 from tempog.cli._output import ForceFlag, QuietFlag, print_note, save_figure, status, track_scans, wants_progress
-from tempog.config import GridConfig
+from tempog.config import GridConfig, MapConfig
 from tempog.errors import ConfigError, MapError
 from tempog.methods import METHODS, Method
 
@@ -67,8 +67,10 @@ def experiment(
             raise ConfigError(f"--method {one_name} is unknown; wanted one of {', '.join(METHODS)}")
     methods = cast("list[Method]", method) or (list(METHODS) if name == ALL else ["evidence"])
     resolutions = resolution or ([0.1, 0.05] if name == ALL else [GridConfig.resolution_m])
+    for resolution_m in resolutions:
+        MapConfig(grid=GridConfig(resolution_m=resolution_m))  # rather refused now than after a simulation
     folders = {title: output / title if len(runs) > 1 else output for title in runs}
-    prepare(output, folders, force)
+    check_new_results(output, folders, force)
 
     started = time.perf_counter()
     outcomes: list[Outcome] = []
@@ -98,8 +100,8 @@ def experiment(
         print_note(f"{len(outcomes)} runs in {time.perf_counter() - started:.1f} s; pictures and scores in {output}")
 
 
-def prepare(output: Path, folders: dict[str, Path], force: bool) -> None:
-    """Make the directories, and refuse to write over what is there unless told to."""
+def check_new_results(output: Path, folders: dict[str, Path], force: bool) -> None:
+    """Refuse to write over what is there unless told to."""
     files = [output / file for file in RESULTS]
     files += [folder / picture for folder in folders.values() for picture in PICTURES]
     if len(folders) > 1:
@@ -110,8 +112,6 @@ def prepare(output: Path, folders: dict[str, Path], force: bool) -> None:
     for file in files:
         if file.exists() and not force:
             raise MapError(f"{file} exists already; use --force to replace it, or choose another directory")
-    for folder in (output, *folders.values()):
-        folder.mkdir(parents=True, exist_ok=True)
 
 
 def draw(folder: Path, title: str, outcome: Outcome) -> None:
@@ -120,6 +120,7 @@ def draw(folder: Path, title: str, outcome: Outcome) -> None:
     from tempog.views.objects import draw_objects
     from tempog.views.worlds import draw_world
 
+    folder.mkdir(parents=True, exist_ok=True)
     headline = f"experiment {title}"
     figures = (
         draw_world(outcome.drive.simulation, title=headline),

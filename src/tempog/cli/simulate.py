@@ -11,13 +11,14 @@ from tempog.cli._output import (
     ForceFlag,
     JsonFlag,
     QuietFlag,
+    check_new_file,
     count_text,
     duration_text,
     print_json,
     status,
     wants_progress,
 )
-from tempog.errors import ConfigError, ScanError
+from tempog.errors import ConfigError
 
 LOG_SUFFIXES = (".npz", ".log", ".clf")
 
@@ -42,12 +43,7 @@ def simulate(
     if output.suffix.lower() not in LOG_SUFFIXES:
         raise ConfigError(f"{output} names no kind of log; wanted a name that ends in {', '.join(LOG_SUFFIXES)}")
     for path in (output, *truth_paths(output)):
-        if path.is_dir():
-            raise ScanError(f"{path} is a directory; name a file")
-        if path.exists() and not force:
-            raise ScanError(f"{path} exists already; use --force to replace it, or choose another name")
-    if not output.absolute().parent.is_dir():
-        raise ScanError(f"{output.parent} is not a directory; make it first, or choose another place")
+        check_new_file(path, force)
     described = load_world(world, seed)
     with status(f"simulating {world}", wants_progress(quiet or json)):
         simulation = run(described, duration, seed=seed, people=people)

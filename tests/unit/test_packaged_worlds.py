@@ -10,9 +10,10 @@ import pytest
 
 from tempog.cli.app import run
 from tempog.errors import WorldError
-from tempog.simulation import Laser, load_world, simulate
+from tempog.simulation import Crowd, Glass, Hit, Laser, load_world, simulate
 from tempog.simulation.buildings import _one_corridor, _ring, random_building, turned
 from tempog.simulation.polygons import disc_gap, leg_gap, outline, placed
+from tempog.simulation.tracks import Track
 from tempog.simulation.truth import truth_paths
 
 FEW_BEAMS = Laser(n_beams=5)
@@ -194,10 +195,17 @@ def test_the_command_makes_the_building_that_its_seed_names(tmp_path, monkeypatc
 
 
 def test_a_turned_world_looks_the_same_from_inside():
-    site = replace(world("office"), laser=Laser(n_beams=6, fov_rad=2.9))  # beams that meet no corner
+    people = Crowd(goals=((1.5, 0.5), (4.0, 1.0)), tracks=(Track([(0.0, 4.0, 0.5), (20.0, 8.0, 1.0)]),))
+    pane = Glass((3.0, 0.9), (5.0, 0.9), pass_share=0.5)
+    straight = world("hallway")
+    few = Laser(n_beams=6, fov_rad=2.9)  # beams that meet no corner
+    straight = replace(straight, laser=few, people=people, glass=(pane,))
     about = (3.0, -2.0)
-    turned_site = turned(site, 1.0, about)
-    np.testing.assert_allclose(turned(turned_site, -1.0, about).robot.waypoints, site.robot.waypoints)
-    here, there = (simulate(one, 20.0) for one in (site, turned_site))
+    there = turned(straight, 1.0, about)
+    back = turned(there, -1.0, about)
+    np.testing.assert_allclose(back.robot.waypoints, straight.robot.waypoints)
+    np.testing.assert_allclose(back.people.goals, people.goals)
+    here, there = (simulate(one, 20.0) for one in (straight, there))
     np.testing.assert_allclose(there.distances, here.distances, atol=1e-6)
     assert (there.hit_things == here.hit_things).all()
+    assert {Hit.GLASS, Hit.PERSON} <= set(here.hits.ravel().tolist())

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from tempog.errors import WorldError
 from tempog.simulation.polygons import Point, Pose, leg_gap, outline, placed
 from tempog.simulation.schedules import Dwell
+from tempog.simulation.tracks import Track
 from tempog.simulation.world import Route, Thing, Wall, World
 from tempog.simulation.world_file import world_from_tables
 
@@ -106,15 +107,15 @@ def random_building(seed: int = 0) -> World:
     for k, room in enumerate(plan.rooms):
         _add_doors(plan, room, f"D{k + 1}", rng)
     plan.tables["name"] = f"random {seed}"
-    site = world_from_tables(plan.tables)
-    site = replace(site, things=(*site.things, *_boxes(plan, site, rng)))
-    points = np.array([corner for wall in site.walls for corner in wall.corners])
+    world = world_from_tables(plan.tables)
+    world = replace(world, things=(*world.things, *_boxes(plan, world, rng)))
+    points = np.array([corner for wall in world.walls for corner in wall.corners])
     x, y = rng.uniform(points.min(axis=0), points.max(axis=0))
-    return turned(site, rng.uniform(-math.pi, math.pi), (float(x), float(y)))
+    return turned(world, rng.uniform(-math.pi, math.pi), (float(x), float(y)))
 
 
-def turned(site: World, angle_rad: float, about: Point) -> World:
-    """The same site, turned to the left about a point."""
+def turned(world: World, angle_rad: float, about: Point) -> World:
+    """The same world, turned to the left about a point."""
     c, s = math.cos(angle_rad), math.sin(angle_rad)
 
     def turn(x: float, y: float) -> Point:
@@ -125,15 +126,24 @@ def turned(site: World, angle_rad: float, about: Point) -> World:
         places = {name: (*turn(x, y), theta + angle_rad) for name, (x, y, theta) in thing.places.items()}
         return replace(thing, places=places)
 
+    def turn_track(track: Track) -> Track:
+        return Track([(t, *turn(x, y)) for t, x, y in track.samples.tolist()])
+
     return replace(
-        site,
-        walls=tuple(Wall(tuple(turn(*corner) for corner in wall.corners)) for wall in site.walls),
-        things=tuple(turn_thing(thing) for thing in site.things),
+        world,
+        walls=tuple(Wall(tuple(turn(*corner) for corner in wall.corners)) for wall in world.walls),
+        things=tuple(turn_thing(thing) for thing in world.things),
         robot=replace(
-            site.robot,
-            waypoints=tuple(turn(*point) for point in site.robot.waypoints),
-            heading_rad=site.robot.heading_rad + angle_rad,
+            world.robot,
+            waypoints=tuple(turn(*point) for point in world.robot.waypoints),
+            heading_rad=world.robot.heading_rad + angle_rad,
         ),
+        people=replace(
+            world.people,
+            goals=tuple(turn(*goal) for goal in world.people.goals),
+            tracks=tuple(turn_track(track) for track in world.people.tracks),
+        ),
+        glass=tuple(replace(pane, start=turn(*pane.start), end=turn(*pane.end)) for pane in world.glass),
     )
 
 
@@ -247,9 +257,9 @@ def _add_doors(plan: _Plan, room: _Room, name: str, rng: np.random.Generator) ->
 # ---- boxes -----------------------------------------------------------------------------------------------
 
 
-def _boxes(plan: _Plan, site: World, rng: np.random.Generator) -> list[Thing]:
+def _boxes(plan: _Plan, world: World, rng: np.random.Generator) -> list[Thing]:
     """Boxes at places that the robot sees from its way; the first has one place, and is carried in and out."""
-    sight = _Sight(site)
+    sight = _Sight(world)
     taken: list[tuple[NDArray[np.float64], float]] = []  # middle and radius
     boxes: list[Thing] = []
     wanted = [1, *rng.integers(1, 4, int(rng.integers(1, 5))).tolist()]
@@ -260,7 +270,7 @@ def _boxes(plan: _Plan, site: World, rng: np.random.Generator) -> list[Thing]:
         for pose in _poses(plan, size, rng):
             middle = np.array(pose[:2])
             clear = all(np.hypot(*(middle - other)) > radius + reach + FROM_WALL_M for other, reach in taken)
-            if clear and _fits(plan, site.robot, pose, size) and sight.reaches(middle):
+            if clear and _fits(plan, world.robot, pose, size) and sight.reaches(middle):
                 poses.append(pose)
                 taken.append((middle, radius))
             if len(poses) == n_places:
@@ -269,7 +279,7 @@ def _boxes(plan: _Plan, site: World, rng: np.random.Generator) -> list[Thing]:
             continue
         places = dict(zip("abc", poses, strict=False))
         if len(places) == 1:
-            west, south = np.array([corner for wall in site.walls for corner in wall.corners]).min(axis=0)
+            west, south = np.array([corner for wall in world.walls for corner in wall.corners]).min(axis=0)
             places["away"] = (float(west) - 1.0, float(south) + 1.5 * k, 0.0)
         dwell = Dwell({place: float(rng.uniform(40, 80)) for place in places})
         boxes.append(Thing(f"B{k + 1}", "box", float(size[0]), float(size[1]), places, dwell))
@@ -310,10 +320,10 @@ def _fits(plan: _Plan, robot: Route, pose: Pose, size: NDArray[np.float64]) -> b
 class _Sight:
     """What the robot sees from its way, while all doors are closed and no box stands in between."""
 
-    def __init__(self, site: World) -> None:
-        leaves = [outline(thing.corners("closed")) for thing in site.things]
-        self.segments = np.concatenate([*(outline(wall.corners) for wall in site.walls), *leaves])
-        stops = np.array(site.robot.round_trip)
+    def __init__(self, world: World) -> None:
+        leaves = [outline(thing.corners("closed")) for thing in world.things]
+        self.segments = np.concatenate([*(outline(wall.corners) for wall in world.walls), *leaves])
+        stops = np.array(world.robot.round_trip)
         points, ahead = [], []
         for start, end in zip(stops, np.roll(stops, -1, axis=0), strict=True):
             length = float(np.hypot(*(end - start)))

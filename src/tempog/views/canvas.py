@@ -21,6 +21,7 @@ UNEXPLORED = (GREY, "unexplored")
 MARGIN_SHARE = 0.02  # of the longer side, unexplored space left around what was seen
 PIXELS_PER_CELL = 3
 LONGEST_SIDE_PX = (900, 3600)  # a small map is still readable, a large one still a picture
+LEGEND_ENTRY_INCHES = 1.3  # the longest text, with its patch
 LONGEST_SIDE_INCHES = 9.0  # text keeps its size relative to the picture, whatever the resolution
 
 
@@ -102,4 +103,5 @@ def show_map(axes: Axes, rgb: Rgb, extent: Extent) -> None:
 def add_legend(figure: Figure, entries: Sequence[tuple[Colour, str]]) -> None:
     """Colours and what they mean, below the picture, so that no part of the map is covered."""
     handles = [Patch(facecolor=colour, edgecolor="0.4", linewidth=0.5, label=label) for colour, label in entries]
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=8, frameon=False)
+    n_cols = min(len(handles), max(int(figure.get_figwidth() / LEGEND_ENTRY_INCHES), 1))
+    figure.legend(handles=handles, loc="outside lower center", ncols=n_cols, fontsize=8, frameon=False)

@@ -135,10 +135,8 @@ def _period_drawing(history: History, layer: str) -> _Drawing:
     first, last = (history.format_moment(int(history.stamps_ns[k])) for k in (history.first_scan, history.last_scan))
     period = f"{first} to {last}"
     if layer == "classic":
-        share = (occupancy_grid(history) - CLAMP_PROB_LOW) / (CLAMP_PROB_HIGH - CLAMP_PROB_LOW)
-        rgb = as_shades(share)
         legend = [(BLACK, "occupied"), (WHITE, "free"), UNEXPLORED]
-        return _Drawing(rgb, f"classic occupancy grid, {period}", legend)
+        return _Drawing(classic_rgb(history), f"classic occupancy grid, {period}", legend)
     rgb = _static_base(history)
     if layer == "static":
         legend = [(BLACK, "static"), (WHITE, "free"), (ORANGE, "changing"), UNEXPLORED]
@@ -152,6 +150,11 @@ def _period_drawing(history: History, layer: str) -> _Drawing:
     legend = [(BLACK, "static"), (WHITE, "free"), UNEXPLORED]
     label = f"mean absolute deviation of P(occupied); under {FAINT_DYNAMICS:g} uncoloured"
     return _Drawing(rgb, f"dynamics, {period}", legend, colours, label)
+
+
+def classic_rgb(history: History) -> Rgb:
+    """The classic occupancy grid in shades, over the history's extent."""
+    return as_shades((occupancy_grid(history) - CLAMP_PROB_LOW) / (CLAMP_PROB_HIGH - CLAMP_PROB_LOW))
 
 
 def _tinted(rgb: Rgb, dynamics: NDArray[np.float64]) -> Rgb:

@@ -59,8 +59,7 @@ def draw_objects(found: FoundObjects, *, title: str = "") -> Figure:
     _, extent = cropped(_cells(found), found.history.extent)
     figure, axes = canvas(*extent.shape, has_bar=False)
     paint_objects(axes, found)
-    shown = f"{len(found.objects)} objects, {len(found.unassociated)} other places, method {found.method}"
-    axes.set_title(" · ".join(part for part in (title, shown) if part), fontsize=9, loc="left")
+    axes.set_title(" · ".join(part for part in (title, counts(found)) if part), fontsize=9, loc="left")
     add_legend(figure, OBJECTS_LEGEND)
     return figure
 
@@ -83,6 +82,11 @@ def paint_objects(axes: Axes, found: FoundObjects) -> None:
             color=colour,
             bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8},
         )
+
+
+def counts(found: FoundObjects) -> str:
+    """How much was found, for a title."""
+    return f"{len(found.objects)} objects, {len(found.unassociated)} other places, method {found.method}"
 
 
 def object_colour(k: int) -> Colour:

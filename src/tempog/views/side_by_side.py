@@ -9,11 +9,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tempog.analysis.find_objects import FoundObjects
-from tempog.analysis.occupancy import CLAMP_PROB_HIGH, CLAMP_PROB_LOW, occupancy_grid
 from tempog.simulation import Simulation
-from tempog.views.canvas import BLACK, UNEXPLORED, WHITE, add_legend, as_shades, cropped, show_map
-from tempog.views.objects import LONE_COLOUR, paint_objects
-from tempog.views.worlds import GREEN, RED, YELLOW, bounds, paint_world
+from tempog.views.canvas import BLACK, UNEXPLORED, WHITE, add_legend, cropped, show_map
+from tempog.views.figures import classic_rgb
+from tempog.views.objects import LONE_COLOUR, counts, paint_objects
+from tempog.views.worlds import bounds, paint_world, world_legend
 
 PANEL_LONG_INCHES = 6.5
 DPI = 160
@@ -48,14 +48,13 @@ def draw_side_by_side(rows: Sequence[Row]) -> Figure:
         paint_world(left, simulation)
         left.set_title(f"{title} · simulated world", fontsize=9, loc="left")
         paint_objects(middle, found)
-        shown = f"{len(found.objects)} objects, {len(found.unassociated)} other places, method {found.method}"
-        middle.set_title(f"{title} · {shown}", fontsize=9, loc="left")
-        share = (occupancy_grid(found.history) - CLAMP_PROB_LOW) / (CLAMP_PROB_HIGH - CLAMP_PROB_LOW)
-        show_map(right, *cropped(as_shades(share), found.history.extent))
+        middle.set_title(f"{title} · {counts(found)}", fontsize=9, loc="left")
+        show_map(right, *cropped(classic_rgb(found.history), found.history.extent))
         right.set_title(f"{title} · classic occupancy grid", fontsize=9, loc="left")
         for axes in (middle, right):
             axes.set(xlim=left.get_xlim(), ylim=left.get_ylim())
             axes.set_facecolor(UNEXPLORED[0])
     legend = [(BLACK, "wall, static, occupied"), (WHITE, "free"), UNEXPLORED, (LONE_COLOUR, "place in no object")]
-    add_legend(figure, [*legend, (RED, "door"), (GREEN, "person"), (YELLOW, "robot's way")])
+    legend += dict.fromkeys(entry for row in rows for entry in world_legend(row.simulation))
+    add_legend(figure, legend)
     return figure

@@ -15,6 +15,7 @@ RED: Colour = (0.80, 0.10, 0.12)
 PALE_RED: Colour = (0.96, 0.66, 0.64)
 BLUE: Colour = (0.0, 0.45, 0.70)
 PALE_BLUE: Colour = (0.65, 0.82, 0.93)
+CYAN: Colour = (0.25, 0.78, 0.80)
 YELLOW: Colour = (0.93, 0.75, 0.0)
 GREEN: Colour = (0.0, 0.62, 0.45)
 DRAWN_AT_M = 0.05  # the canvas is as large as for a map of this resolution
@@ -34,30 +35,35 @@ def draw_world(simulation: Simulation, *, title: str = "") -> Figure:
     -------
     matplotlib.figure.Figure
         Axes in metres, map frame, y up. Doors are red, boxes blue, in their first place in full colour and in
-        the others pale; the robot's way is yellow; people are where they were at the start.
+        the others pale; glass is cyan; the robot's way is yellow; people are where they were at the start.
     """
     low, high = bounds(simulation.world)
     n_cols, n_rows = np.ceil((high - low) / DRAWN_AT_M).astype(int).tolist()
     figure, axes = canvas(n_rows, n_cols, has_bar=False)
     paint_world(axes, simulation)
+    add_legend(figure, [(BLACK, "wall"), *world_legend(simulation)])
+    shown = f"world {simulation.world.name or 'without a name'}"
+    axes.set_title(" · ".join(part for part in (title, shown) if part), fontsize=9, loc="left")
+    return figure
+
+
+def world_legend(simulation: Simulation) -> list[tuple[Colour, str]]:
+    """Colours of what `paint_world` draws besides walls, and what they mean."""
     world = simulation.world
     kinds = {thing.kind for thing in world.things}
-    legend = [(BLACK, "wall")]
+    legend = [(CYAN, "glass")] if world.glass else []
     legend += [(RED, "door"), (PALE_RED, "its other places")] if kinds - {"box"} else []
     legend += [(BLUE, "box"), (PALE_BLUE, "its other places")] if "box" in kinds else []
     legend += [(GREEN, "person")] if simulation.people.shape[1] else []
-    add_legend(figure, [*legend, (YELLOW, "robot's way")])
-    shown = f"world {world.name or 'without a name'}"
-    axes.set_title(" · ".join(part for part in (title, shown) if part), fontsize=9, loc="left")
-    return figure
+    return [*legend, (YELLOW, "robot's way")]
 
 
 def paint_world(axes: Axes, simulation: Simulation) -> None:
     """`draw_world` on given axes, without title and legend."""
     world = simulation.world
-    low, high = bounds(simulation.world)
-    for wall in world.walls:
-        axes.add_patch(Polygon(np.array(wall.corners), closed=True, facecolor=BLACK, linewidth=0))
+    low, high = bounds(world)
+    for what, corners in world.solids:
+        axes.add_patch(Polygon(corners, closed=True, facecolor=BLACK if what == "wall" else CYAN, linewidth=0))
     for thing in world.things:
         full, pale = (BLUE, PALE_BLUE) if thing.kind == "box" else (RED, PALE_RED)
         for k, place in reversed(list(enumerate(thing.places))):
@@ -82,7 +88,7 @@ def paint_world(axes: Axes, simulation: Simulation) -> None:
 
 def bounds(world: World) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Corners of a rectangle around all that is in a world, with a margin; x and y, metres."""
-    corners = [np.array(world.robot.waypoints), *(np.array(wall.corners) for wall in world.walls)]
+    corners = [np.array(world.robot.waypoints), *(corners for _, corners in world.solids)]
     corners += [thing.corners(place) for thing in world.things for place in thing.places]
     points = np.concatenate(corners)
     return points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M

@@ -362,6 +362,24 @@ def test_scans_that_the_truth_does_not_know_are_refused():
         evaluate(document, truth)
 
 
+@pytest.mark.parametrize(("key", "by_s"), [("start_s", -0.1), ("stop_s", 0.1)])
+def test_a_document_of_more_than_the_truth_covers_is_refused(key, by_s):
+    truth = small_world()
+    document = answer(truth)
+    document[key] += by_s / 1000  # a stamp that was rounded
+    assert evaluate(document, truth).configurations.recall == Share(0, 2)
+    document[key] += by_s
+    with pytest.raises(AnswerError, match=r"the truth only about 1000\.000 s to 1004\.400 s"):
+        evaluate(document, truth)
+
+
+@pytest.mark.parametrize("resolution", [1e-9, 1e9])
+def test_cells_of_a_size_that_no_map_has_are_refused(resolution):
+    document = answer(small_world()) | {"resolution_m": resolution}
+    with pytest.raises(AnswerError, match=r"the document: resolution_m = .* from 0\.001 to 100"):
+        evaluate(document, small_world())
+
+
 def test_cells_where_no_map_can_be_are_refused():
     document = answer(small_world())
     document["static"] = [[1e300, 0.0]]

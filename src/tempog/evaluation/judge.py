@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tempog.analysis.objects_schema import check_objects
-from tempog.errors import AnswerError
+from tempog.config import GridConfig
+from tempog.errors import AnswerError, ConfigError
 from tempog.evaluation.answer import Answer, document_cells, read_answer
 from tempog.evaluation.matching import match
 from tempog.evaluation.scores import (
@@ -51,16 +52,18 @@ def evaluate(document: dict[str, Any], truth: Truth) -> Scores:
     Raises
     ------
     AnswerError
-        A document that does not follow the schema, or scans of it that the truth does not know.
+        A document that does not follow the schema, of cells that no map has, of a period that the truth covers
+        only in part, or of scans that it does not know.
     EmptyWindowError
         A document of another time than the truth.
 
     Notes
     -----
     All cells have the document's size, and near means within one cell, diagonals included. A configuration is matched
-    with a place by the place's seen cells (`tolerant_iou` of `MATCH_IOU` or more), each with one at most. Places that
-    nobody could tell from a wall, since they were never seen free, count neither for nor against anything; so does
-    glass. See `tempog.simulation.observability` for what counts as seen.
+    with a place by the place's seen cells (`tolerant_iou` of `MATCH_IOU` or more), each with one at most. What is
+    reported at places that were seen but are not observable, most of them since they were never seen free, counts
+    neither for nor against anything, whether as wall or as their configuration; so does glass as wall. See
+    `tempog.simulation.observability` for what counts as seen.
 
     Examples
     --------
@@ -73,7 +76,19 @@ def evaluate(document: dict[str, Any], truth: Truth) -> Scores:
     """
     check_objects(document)
     resolution_m = float(document["resolution_m"])
-    truth = truth.window(document["start_s"], document["stop_s"])
+    try:
+        GridConfig(resolution_m=resolution_m)
+    except ConfigError as error:
+        raise AnswerError(f"the document: {error}") from error
+    whole, truth = truth, truth.window(document["start_s"], document["stop_s"])
+    if (
+        document["start_s"] < whole.stamps_s[0] - SAME_STAMP_S
+        or document["stop_s"] > whole.stamps_s[-1] + SAME_STAMP_S
+    ):
+        raise AnswerError(
+            f"the document is about {document['start_s']:.3f} s to {document['stop_s']:.3f} s, the truth only about"
+            f" {whole.stamps_s[0]:.3f} s to {whole.stamps_s[-1]:.3f} s. Is this the truth about the same log?"
+        )
     places = seen_places(truth, resolution_m)
     answer = read_answer(document)
     matched = match(answer.configurations, [place.seen for place in places], [place.observable for place in places])

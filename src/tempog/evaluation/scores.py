@@ -35,7 +35,7 @@ class StaticScores:
     recall : Share
         Seen cells of walls within a cell of a reported one.
     n_neutral : int
-        Reported cells beside a place that was never seen free, or beside glass; counted neither way.
+        Other reported cells beside a seen place that is not observable, or beside glass; counted neither way.
     """
 
     precision: Share

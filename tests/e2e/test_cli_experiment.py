@@ -79,6 +79,15 @@ def test_any_world_can_be_an_experiment(tempog, tmp_path: Path) -> None:
     assert rows_of(out)[0]["people"] == "3"
 
 
+def test_buildings_by_chance_are_one_row_however_many_seeds(tempog, tmp_path: Path) -> None:
+    code, out, _ = tempog("random", "-o", tmp_path, "--duration", 10, "--seeds", 2, "--resolution", 0.1)
+    assert code == 0
+    (row,) = rows_of(out)
+    assert (row["world"], row["seeds"]) == ("random", "2")
+    runs = json.loads((tmp_path / "scores.json").read_text())
+    assert [run["world"] for run in runs] == ["random 0", "random 1"]
+
+
 @pytest.mark.parametrize(
     ("words", "code", "expected"),
     [

@@ -96,8 +96,10 @@ def table(scores: Scores) -> list[str]:
             {"two places": things.two_places, "three": things.three_places, "more": things.more_places},
         ),
         f"objects of one place, kept alone: {things.alone.n} of {things.alone.of}",
-        _counts("all objects", {"hinged": things.hinged, "sliding": things.sliding, "boxes": things.box}),
     ]
+    kinds = {"hinged": things.hinged, "sliding": things.sliding, "boxes": things.box}
+    if any(share.of for share in kinds.values()):
+        lines.append(_counts("all objects", kinds))
     missed = [f"{one.thing} {one.place}" for one in scores.places if one.observable and one.configuration is None]
     if missed:
         more = f" and {len(missed) - LISTED} more" if len(missed) > LISTED else ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,8 +26,12 @@ HIGH_DYNAMIC_EVERY_S = 1.0  # people walk at most 1.5 m/s: scans closer in time 
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """One simulated drive, and how long simulating took."""
+    """One simulated drive, and how long simulating took.
 
+    `name` is what the world was asked for by, without folder and suffix: all buildings by chance are "random".
+    """
+
+    name: str
     world: World
     seed: int
     people: int
@@ -83,7 +88,7 @@ def drive_through(
     simulation = simulate(described, duration_s, seed=seed, people=people)
     seconds = time.perf_counter() - started
     n_people = simulation.people.shape[1]
-    return Drive(described, seed, n_people, simulation, Truth.of(simulation), seconds)
+    return Drive(Path(world).stem, described, seed, n_people, simulation, Truth.of(simulation), seconds)
 
 
 def examine(

@@ -48,7 +48,8 @@ def scores_table(outcomes: Sequence[Outcome]) -> str:
     """A Markdown table of runs, grouped by world, people, method and resolution, in the order they first came.
 
     A number is the mean over the seeds, followed by the smallest and the largest value where they differ when
-    rounded. "-" stands where no run says anything: nobody was on the move, for example.
+    rounded. "-" stands where no run says anything: nobody was on the move, for example. Random buildings are one
+    world, whatever their seed.
     """
     first_seen = {key: k for k, key in reversed(list(enumerate(map(_setting, outcomes))))}
     ordered = sorted(outcomes, key=lambda run: first_seen[_setting(run)])
@@ -66,7 +67,7 @@ def scores_table(outcomes: Sequence[Outcome]) -> str:
 
 
 def _setting(run: Outcome) -> tuple[str, int, str, str]:
-    return run.drive.world.name, run.drive.people, run.method, f"{run.resolution_m:g}"
+    return run.drive.name, run.drive.people, run.method, f"{run.resolution_m:g}"
 
 
 def _cell(values: Sequence[float | None], digits: int) -> str:

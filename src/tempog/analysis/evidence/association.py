@@ -96,8 +96,8 @@ def joint_periods(
     """Evidence for the joint states of two places: [free or occupied, free or occupied].
 
     A place that was not seen for a while is taken to have kept its state if it has the same afterwards; with
-    `one_at_a_time` not to have stayed occupied while the other was. Neighbouring stretches of one joint state are one, whatever lies
-    between; a stretch known for `worth_s` counts for 0.63.
+    `one_at_a_time` not to have stayed occupied while the other was. Neighbouring stretches of one joint state are
+    one, whatever lies between; a stretch known for `worth_s` counts for 0.63.
     """
     courses = (course, other)
     moments = sorted({moment for periods in courses for period in periods for moment in period[:2]})

@@ -186,13 +186,13 @@ class EvidenceConfig:
     long_stay_s: float = 20.0
     long_duty: float = 0.15
     long_seen_s: float = 2.0
-    short_duty: float = 0.1
+    short_duty: float = 0.15
     short_seen_s: float = 1.0
     short_leak: float = 0.1
     short_together: float = 0.95
     together: float = 0.85
     ring_m: float = 0.15
-    leak: float = 0.6
+    leak: float = 0.4
     wall_duty: float = 0.93
     wall_free_s: float = 3.0
     round_radius_m: float = 0.4
@@ -204,7 +204,7 @@ class EvidenceConfig:
     size_cost: float = 2.0
     within_m: float = 4.0
     max_conflict: float = 0.5
-    link_above: float = 1.0
+    link_above: float = 0.0
     grow_above: float = -2.0
     max_states: int = 5
     static_share: float = 0.75

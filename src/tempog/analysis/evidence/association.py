@@ -95,8 +95,9 @@ def joint_periods(
 ) -> NDArray[np.float64]:
     """Evidence for the joint states of two places: [free or occupied, free or occupied].
 
-    A place that was not seen for a while is taken to have kept its state if it has the same afterwards; with
-    `one_at_a_time` not to have stayed occupied while the other was. Neighbouring stretches of one joint state are
+    A place that was not seen for a while is taken to have kept its state if it has the same afterwards, but not
+    against what was seen of the other: not to have stayed occupied while the other was, or, without
+    `one_at_a_time`, while the other was not. Neighbouring stretches of one joint state are
     one, whatever lies between; a stretch known for `worth_s` counts for 0.63.
     """
     courses = (course, other)
@@ -114,7 +115,7 @@ def joint_periods(
                 assumed[i] = period.start_ns > since
                 if not assumed[i] or (at[i] > 0 and periods[at[i] - 1].state == period.state):
                     state[i] = int(period.state == "occupied")
-        if -1 in state or (one_at_a_time and state == [1, 1] and any(assumed)):
+        if -1 in state or (any(assumed) and (state == [1, 1] if one_at_a_time else state[0] != state[1])):
             continue
         if (state[0], state[1]) != current:
             if lasted_s:

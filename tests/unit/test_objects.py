@@ -207,6 +207,14 @@ def test_cells_that_are_seldom_occupied_are_no_candidates_if_so_wanted() -> None
     assert places(find_configurations(grid, least_occupied=0.4)) == [CLOSED]
 
 
+def test_what_is_occupied_for_just_the_share_wanted_is_a_candidate() -> None:
+    grid = grid_of(told(door("closed", "open")))  # half of the time each
+    unknown = np.zeros(grid.extent.shape, dtype=np.int8)
+    assert places(find_configurations(grid, unknown, least_occupied=0.5)) == [WALL, CLOSED, OPEN]
+    assert places(find_configurations(grid, unknown, least_occupied=0.51)) == [WALL]
+    assert places(find_configurations(grid, unknown, least_occupied=1.0)) == [WALL]
+
+
 def test_somebody_beside_the_door_is_on_the_move_unless_near_is_asked_for() -> None:
     timeline = door("closed", "open", "closed")
     for seconds, said in timeline[:-1]:

@@ -24,6 +24,7 @@ from tempog.grid.history import OCCUPIED_ABOVE, History
 from tempog.methods import Candidates, PaperConfig
 
 PlaceState = Literal["occupied", "free"]
+SAME_SHARE = 1e-6  # of time; P(occupied) is kept in 32 bits
 
 
 class Period(NamedTuple):
@@ -115,7 +116,8 @@ def find_configurations(
     if least_occupied > 0:
         free, hit = history.config.sensing.prob_free, history.config.sensing.prob_hit
         with np.errstate(invalid="ignore"):
-            observed &= (cell_moments(history, "mad", "duration").mean - free) / (hit - free) >= least_occupied
+            share = (cell_moments(history, "mad", "duration").mean - free) / (hit - free)
+            observed &= share >= least_occupied - SAME_SHARE
     cells = np.flatnonzero(observed & ~static_cells(history, walls)).astype(np.int32)
     rows, cols = history.tiles.rows_cols(cells)
     order = np.lexsort((cols, rows))

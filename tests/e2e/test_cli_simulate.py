@@ -121,6 +121,19 @@ def test_what_is_there_is_replaced_only_by_force(tempog, tmp_path):
     assert tempog("hallway", "-o", log, "--duration", 1, "--force")[0] == 0
 
 
+def test_a_log_never_stands_beside_the_truth_about_another(tempog, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    log = tmp_path / "a.npz"
+    assert tempog("hallway", "-o", log, "--duration", 1)[0] == 0
+    monkeypatch.setattr("tempog.simulation.truth.write_truth", full)
+    code, _, err = tempog("hallway", "-o", log, "--duration", 2, "--force")
+    assert (code, "No space left" in err) == (1, True)
+    assert len(open_scans(log)) == 20
+    assert [path.name for path in tmp_path.iterdir()] == ["a.npz"]
+
+
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [

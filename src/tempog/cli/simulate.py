@@ -47,6 +47,8 @@ def simulate(
     described = load_world(world, seed)
     with status(f"simulating {world}", wants_progress(quiet or json)):
         simulation = run(described, duration, seed=seed, people=people)
+    for path in truth_paths(output):
+        path.unlink(missing_ok=True)  # if writing stops half-way, a log without truth is better than with another's
     if output.suffix.lower() == ".npz":
         from tempog.scans.npz import write_npz
 

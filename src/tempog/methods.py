@@ -146,6 +146,13 @@ class EvidenceConfig:
     ring_m : float, metres
     leak : float
         Hits in the ring around an occupied place, per hit in it. A leaf's ring is empty; people fill theirs.
+    echo_m : float, metres
+    echo : float, 0..1
+        Share of a place's cells that may have something standing so close by while the place is free; else it is a
+        wall, seen a little displaced. Poses of different passes disagree by a decimetre or two in most logs.
+    once_doubt, once_seen_s : share and seconds
+        What changed but once must have less leak and echo than this, and must have been observed for so long in
+        either state: poses that are corrected at a loop's end displace every wall once.
     wall_duty, wall_free_s : share and seconds
         What is occupied for longer than this share and was seen free but once, or for less than so many seconds,
         is a wall.
@@ -193,6 +200,10 @@ class EvidenceConfig:
     together: float = 0.85
     ring_m: float = 0.15
     leak: float = 0.4
+    echo_m: float = 0.25
+    echo: float = 0.5
+    once_doubt: float = 0.1
+    once_seen_s: float = 4.0
     wall_duty: float = 0.93
     wall_free_s: float = 3.0
     round_radius_m: float = 0.4

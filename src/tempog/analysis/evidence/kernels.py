@@ -156,3 +156,31 @@ def occupied_during(
             else:
                 spell += 1
     return total
+
+
+@kernel
+def seconds_during(
+    offsets: NDArray[np.int64],
+    start_ns: NDArray[np.int64],
+    stop_ns: NDArray[np.int64],
+    state: NDArray[np.uint8],
+    which: NDArray[np.int64],
+    since_ns: NDArray[np.int64],
+    until_ns: NDArray[np.int64],
+    seconds: NDArray[np.float64],
+) -> None:
+    """For how long each of some series was free, and occupied, within some spells.
+
+    which (n,) series; since_ns, until_ns (n_spells,) in time order, without overlap; seconds (n, 2)   [updated]
+    """
+    for i in range(which.shape[0]):
+        spell = 0
+        k = offsets[which[i]]
+        while k < offsets[which[i] + 1] and spell < since_ns.shape[0]:
+            common = min(stop_ns[k], until_ns[spell]) - max(start_ns[k], since_ns[spell])
+            if common > 0:
+                seconds[i, state[k]] += common * 1e-9
+            if stop_ns[k] <= until_ns[spell]:
+                k += 1
+            else:
+                spell += 1

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tempog.analysis.configurations import Period
-from tempog.analysis.evidence.kernels import occupied_during
+from tempog.analysis.evidence.kernels import occupied_during, seconds_during
 from tempog.analysis.evidence.states import CellStates
 from tempog.grid.history import OCCUPIED_ABOVE
 from tempog.methods import EvidenceConfig
@@ -79,6 +79,11 @@ class Place:
     def free(self) -> tuple[Stay, ...]:
         """The stays in which it was free."""
         return tuple(stay for stay in self.stays if not stay.occupied)
+
+    @cached_property
+    def n_changes(self) -> int:
+        """How often its state was found to be another one."""
+        return sum(stay.occupied != following.occupied for stay, following in pairwise(self.stays))
 
     @cached_property
     def duty(self) -> float:
@@ -158,7 +163,7 @@ def _may_be_part(piece: Place, settings: EvidenceConfig) -> bool:
 
 def is_place(states: CellStates, place: Place, settings: EvidenceConfig) -> bool:
     """Whether a group behaves like a thing that comes and goes, rather than like people or a wall."""
-    if place.size_m < settings.smallest_m or not place.occupied or not place.free:
+    if place.size_m < settings.smallest_m or not place.n_changes:
         return False
     if min(place.together(place.occupied), place.together(place.free)) < settings.together:
         return False
@@ -170,7 +175,13 @@ def is_place(states: CellStates, place: Place, settings: EvidenceConfig) -> bool
         return False
     seen_s = sum(stay.observed_s for stay in place.occupied) / len(place.occupied)
     long = n_long >= 1 and place.duty >= settings.long_duty and seen_s >= settings.long_seen_s
-    leaks = leak(states, place, settings)
+    echoes, leaks = echo(states, place, settings), leak(states, place, settings)
+    if echoes > settings.echo:
+        return False
+    if place.n_changes == 1:
+        observed_s = min(stay.observed_s for stay in place.stays)
+        if max(echoes, leaks) > settings.once_doubt or observed_s < settings.once_seen_s:
+            return False
     if long and leaks <= settings.leak:
         return True
     alone = leaks <= settings.short_leak and place.together(place.occupied) >= settings.short_together
@@ -220,6 +231,32 @@ def leak(states: CellStates, place: Place, settings: EvidenceConfig) -> float:
         for which in (ring, place.cells)
     )
     return in_ring / max(inside, 1e-9)
+
+
+def echo(states: CellStates, place: Place, settings: EvidenceConfig) -> float:
+    """While the place was free: share of its cells with something occupied close beside them.
+
+    A door that opens, or a chair that is carried away, leaves open floor. A wall that one pass of the robot saw a
+    decimetre beside where another did is still there, right beside its other self.
+    """
+    reach = max(1, round(settings.echo_m / states.resolution_m))
+    rows, cols = states.rows[place.cells], states.cols[place.cells]
+    row0, col0 = int(rows.min()) - reach, int(cols.min()) - reach
+    around = states.within(row0, col0, (int(rows.max()) - row0 + reach + 1, int(cols.max()) - col0 + reach + 1))
+    around = np.setdiff1d(around, place.cells, assume_unique=True)
+    since, until = (np.array([stay[k] for stay in place.free], dtype=np.int64) for k in (1, 2))
+    seconds = np.zeros((len(around), 2))
+    series = states.series
+    seconds_during(series.offsets, series.start_ns, series.stop_ns, states.state, around, since, until, seconds)
+    standing = around[(seconds[:, 1] >= settings.least_stay_s) & (seconds[:, 1] > seconds[:, 0])]
+    if not len(standing):
+        return 0.0
+    # Sideways only: the jambs at both ends of a leaf are no echo of it.
+    centred = place.points_map - place.points_map.mean(axis=0)
+    along, across = np.linalg.eigh(centred.T @ centred)[1].T[::-1]
+    apart = states.points_map(standing) - place.points_map[:, None]
+    beside = (abs(apart @ across) <= settings.echo_m) & (abs(apart @ along) <= states.resolution_m)
+    return float(np.mean(beside.any(axis=1)))
 
 
 def join_faces(states: CellStates, pieces: Sequence[Place], settings: EvidenceConfig) -> list[Place]:

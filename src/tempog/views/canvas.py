@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from tempog.sensing.grid_spec import Extent
@@ -21,7 +23,7 @@ UNEXPLORED = (GREY, "unexplored")
 MARGIN_SHARE = 0.02  # of the longer side, unexplored space left around what was seen
 PIXELS_PER_CELL = 3
 LONGEST_SIDE_PX = (900, 3600)  # a small map is still readable, a large one still a picture
-LEGEND_ENTRY_INCHES = 1.3  # the longest text, with its patch
+LEGEND_INCHES = (0.6, 0.068)  # of an entry: its patch with the gaps, and each character of its text
 LONGEST_SIDE_INCHES = 9.0  # text keeps its size relative to the picture, whatever the resolution
 
 
@@ -78,7 +80,8 @@ def add_scale_bar(axes: Axes, rgb: Rgb, extent: Extent) -> None:
     }
     across, up = min(corners, key=lambda corner: float(corners[corner].mean()))
     x, y = x_min + across * width, y_min + up * height
-    axes.plot([x, x + length], [y, y], color="black", linewidth=3, solid_capstyle="butt")
+    rim = withStroke(linewidth=6, foreground="white")  # beside a wall it would look like one
+    axes.plot([x, x + length], [y, y], color="black", linewidth=3, solid_capstyle="butt", path_effects=[rim])
     axes.annotate(
         f"{length:g} m",
         (x + length / 2, y),
@@ -103,5 +106,22 @@ def show_map(axes: Axes, rgb: Rgb, extent: Extent) -> None:
 def add_legend(figure: Figure, entries: Sequence[tuple[Colour, str]]) -> None:
     """Colours and what they mean, below the picture, so that no part of the map is covered."""
     handles = [Patch(facecolor=colour, edgecolor="0.4", linewidth=0.5, label=label) for colour, label in entries]
-    n_cols = min(len(handles), max(int(figure.get_figwidth() / LEGEND_ENTRY_INCHES), 1))
-    figure.legend(handles=handles, loc="outside lower center", ncols=n_cols, fontsize=8, frameon=False)
+    n_columns = legend_columns([label for _, label in entries], float(figure.get_figwidth()))
+    figure.legend(handles=handles, loc="outside lower center", ncols=n_columns, fontsize=8, frameon=False)
+
+
+def legend_columns(labels: Sequence[str], width_inches: float) -> int:
+    """Most columns of a legend, filled one after the other, that a width has room for.
+
+    >>> legend_columns(["static", "free", "unexplored"], 10.0), legend_columns(["static", "free", "unexplored"], 2.5)
+    (3, 2)
+    """
+    patch, character = LEGEND_INCHES
+    for n_columns in range(len(labels), 1, -1):
+        n_rows, n_longer = divmod(len(labels), n_columns)  # the first columns have one more
+        sizes = [n_rows + (k < n_longer) for k in range(n_columns)]
+        starts = np.cumsum([0, *sizes]).tolist()
+        columns = [labels[start:stop] for start, stop in pairwise(starts)]
+        if sum(patch + character * max(map(len, column)) for column in columns) <= width_inches:
+            return n_columns
+    return 1

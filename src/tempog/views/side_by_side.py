@@ -55,6 +55,5 @@ def draw_side_by_side(rows: Sequence[Row]) -> Figure:
             axes.set(xlim=left.get_xlim(), ylim=left.get_ylim())
             axes.set_facecolor(UNEXPLORED[0])
     legend = [(BLACK, "wall, static, occupied"), (WHITE, "free"), UNEXPLORED, (LONE_COLOUR, "place in no object")]
-    legend += dict.fromkeys(entry for row in rows for entry in world_legend(row.simulation))
-    add_legend(figure, legend)
+    add_legend(figure, [*legend, *world_legend([row.simulation for row in rows])])
     return figure

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -41,20 +43,19 @@ def draw_world(simulation: Simulation, *, title: str = "") -> Figure:
     n_cols, n_rows = np.ceil((high - low) / DRAWN_AT_M).astype(int).tolist()
     figure, axes = canvas(n_rows, n_cols, has_bar=False)
     paint_world(axes, simulation)
-    add_legend(figure, [(BLACK, "wall"), *world_legend(simulation)])
+    add_legend(figure, [(BLACK, "wall"), *world_legend([simulation])])
     shown = f"world {simulation.world.name or 'without a name'}"
     axes.set_title(" · ".join(part for part in (title, shown) if part), fontsize=9, loc="left")
     return figure
 
 
-def world_legend(simulation: Simulation) -> list[tuple[Colour, str]]:
-    """Colours of what `paint_world` draws besides walls, and what they mean."""
-    world = simulation.world
-    kinds = {thing.kind for thing in world.things}
-    legend = [(CYAN, "glass")] if world.glass else []
+def world_legend(simulations: Sequence[Simulation]) -> list[tuple[Colour, str]]:
+    """Colours of what `paint_world` draws besides walls in these worlds, and what they mean."""
+    kinds = {thing.kind for simulation in simulations for thing in simulation.world.things}
+    legend = [(CYAN, "glass")] if any(simulation.world.glass for simulation in simulations) else []
     legend += [(RED, "door"), (PALE_RED, "its other places")] if kinds - {"box"} else []
     legend += [(BLUE, "box"), (PALE_BLUE, "its other places")] if "box" in kinds else []
-    legend += [(GREEN, "person")] if simulation.people.shape[1] else []
+    legend += [(GREEN, "person")] if any(simulation.people.shape[1] for simulation in simulations) else []
     return [*legend, (YELLOW, "robot's way")]
 
 
@@ -68,14 +69,16 @@ def paint_world(axes: Axes, simulation: Simulation) -> None:
         full, pale = (BLUE, PALE_BLUE) if thing.kind == "box" else (RED, PALE_RED)
         for k, place in reversed(list(enumerate(thing.places))):
             axes.add_patch(Polygon(thing.corners(place), closed=True, facecolor=pale if k else full, linewidth=0))
+        corners = thing.corners(next(iter(thing.places)))
         axes.annotate(
             thing.name,
-            thing.corners(next(iter(thing.places))).mean(axis=0),
-            xytext=(0, 5),
+            (corners[:, 0].mean(), corners[:, 1].max()),
+            xytext=(0, 3),
             textcoords="offset points",
             ha="center",
             fontsize=7,
             color=full,
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.5},
         )
     way = np.array([*world.robot.round_trip, world.robot.round_trip[0]])
     axes.plot(*way.T, color=YELLOW, linewidth=1.5, marker="o", markersize=3, zorder=1)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -10,6 +13,7 @@ from numpy.typing import NDArray
 from tempog.analysis.configurations import Configuration
 from tempog.analysis.find_objects import FoundObjects
 from tempog.analysis.static import CellClass
+from tempog.sensing.grid_spec import Extent
 from tempog.views.canvas import (
     BLACK,
     GREY,
@@ -33,6 +37,8 @@ OBJECT_COLOURS: tuple[Colour, ...] = (
     (0.34, 0.71, 0.91),
     (0.55, 0.34, 0.29),
 )
+LABEL_POINTS = (13, 10)  # width and height of a number of two digits
+LABEL_STEPS = sorted(((right, up) for right in range(-2, 6) for up in range(6)), key=lambda step: math.hypot(*step))
 LONE_COLOUR: Colour = (0.90, 0.62, 0.0)
 OBJECTS_LEGEND = [
     (BLACK, "static"),
@@ -66,7 +72,10 @@ def draw_objects(found: FoundObjects, *, title: str = "") -> Figure:
 
 def paint_objects(axes: Axes, found: FoundObjects) -> None:
     """`draw_objects` on given axes, without title and legend."""
-    show_map(axes, *cropped(_cells(found), found.history.extent))
+    rgb, extent = cropped(_cells(found), found.history.extent)
+    show_map(axes, rgb, extent)
+    centres_m = [np.mean([place.centre_m for place in one.configurations], axis=0) for one in found.objects]
+    offsets = label_offsets(axes, centres_m, extent)
     for k, one in enumerate(found.objects):
         colour = object_colour(k)
         centres = np.array([place.centre_m for place in one.configurations])
@@ -76,7 +85,7 @@ def paint_objects(axes: Axes, found: FoundObjects) -> None:
         axes.annotate(
             str(one.id),
             centres.mean(axis=0),
-            xytext=(4, 4),
+            xytext=offsets[k],
             textcoords="offset points",
             fontsize=8,
             color=colour,
@@ -87,6 +96,33 @@ def paint_objects(axes: Axes, found: FoundObjects) -> None:
 def counts(found: FoundObjects) -> str:
     """How much was found, for a title."""
     return f"{len(found.objects)} objects, {len(found.unassociated)} other places, method {found.method}"
+
+
+def label_offsets(axes: Axes, centres_m: Sequence[NDArray[np.float64]], extent: Extent) -> list[tuple[float, float]]:
+    """Where numbers stand, in points from their objects: the nearest place that is free, towards the map's middle."""
+    x_min, x_max, y_min, y_max = extent.bounds
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    box, (width, height) = axes.get_position(), figure.get_size_inches()
+    points_per_m = 72 * min(box.width * width / (x_max - x_min), box.height * height / (y_max - y_min))
+    taken: list[tuple[float, float]] = []
+    offsets = []
+    for x_m, y_m in centres_m:
+        x, y = x_m * points_per_m, y_m * points_per_m
+        inwards = (1 if x_m < (x_min + x_max) / 2 else -1, 1 if y_m < (y_min + y_max) / 2 else -1)
+        places = [
+            (4.0 + inwards[0] * right * LABEL_POINTS[0], 4.0 + inwards[1] * up * LABEL_POINTS[1])
+            for right, up in LABEL_STEPS
+        ]
+        free = (
+            (right, up)
+            for right, up in places
+            if not any(abs(x + right - a) < LABEL_POINTS[0] and abs(y + up - b) < LABEL_POINTS[1] for a, b in taken)
+        )
+        chosen = next(free, places[0])
+        taken.append((x + chosen[0], y + chosen[1]))
+        offsets.append(chosen)
+    return offsets
 
 
 def object_colour(k: int) -> Colour:

@@ -1,0 +1,44 @@
+"""Pictures: what is written in them can be read."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from tempog.analysis.find_objects import find_objects
+from tempog.pipeline import build_grid
+from tempog.sensing.grid_spec import Extent
+from tempog.simulation import load_world, simulate
+from tempog.views.objects import LABEL_POINTS, label_offsets
+from tempog.views.side_by_side import Row, draw_side_by_side
+
+
+@pytest.mark.parametrize("world", ["hallway", "office"])
+def test_the_legend_of_compared_pictures_lies_inside_and_names_what_is_drawn(world):
+    simulation = simulate(load_world(world), 10.0, people=2)
+    found = find_objects(build_grid(simulation.scans))
+    figure = draw_side_by_side([Row("one", simulation, found)])
+    figure.draw_without_rendering()
+    (legend,) = figure.legends
+    box = legend.get_window_extent()
+    assert 0 <= box.x0 < box.x1 <= figure.bbox.width
+    assert 0 <= box.y0 < box.y1 <= figure.bbox.height
+    labels = [text.get_text() for text in legend.get_texts()]
+    assert ("box" in labels) == (world == "office")
+    assert {"door", "its other places", "person"} <= set(labels)
+
+
+def test_numbers_of_objects_at_one_place_stand_beside_each_other():
+    figure = Figure(figsize=(9, 6))
+    axes = figure.add_subplot()
+    centres = [np.array([10.0, 5.0]), np.array([10.0, 5.0]), np.array([10.1, 5.0]), np.array([0.5, 0.5])] * 3
+    offsets = label_offsets(axes, centres, Extent(0, 0, 200, 400, 0.05))
+    box = axes.get_position()
+    points_per_m = 72 * min(box.width * 9 / 20, box.height * 6 / 10)
+    stand = [centre * points_per_m + offset for centre, offset in zip(centres, offsets, strict=True)]
+    for one, other in combinations(stand, 2):
+        assert (np.abs(one - other) >= np.array(LABEL_POINTS) - 1e-9).any()
+    assert offsets[0] == offsets[3] == (4.0, 4.0)

@@ -36,7 +36,7 @@ def rows_of(table: str) -> list[dict[str, str]]:
 def test_one_experiment_gives_pictures_scores_and_a_table(tempog, tmp_path: Path) -> None:
     code, out, err = tempog("2a", "-o", tmp_path / "a", "--duration", 150, "--seed", 3)
     assert code == 0
-    assert "1 runs" in err
+    assert "1 run in" in err
     assert sorted(file.name for file in (tmp_path / "a").iterdir()) == sorted([*PICTURES, "scores.json", "table.md"])
     for picture in PICTURES:
         assert (tmp_path / "a" / picture).read_bytes().startswith(b"\x89PNG")
@@ -95,14 +95,27 @@ def test_buildings_by_chance_are_one_row_however_many_seeds(tempog, tmp_path: Pa
         (["1", "--method", "magic"], 2, "paper, paper-tuned"),
         (["1", "--resolution", -1], 2, "resolution_m"),
         (["hallway", "--duration", 1e9, "--resolution", 0.1, "--resolution", 1e-3], 2, "coarser resolution"),
-        (["1", "--duration", -1], 1, "duration_s"),
+        (["1", "--resolution", "nan"], 2, "resolution_m"),
+        (["1", "--duration", -1], 2, "--duration -1"),
+        (["hallway", "--people", -1], 2, "--people"),
         (["no-such-world"], 1, "hallway"),
+        (["2A"], 1, "Experiments: 1, 2a, 2b, 2c, all."),
     ],
 )
 def test_what_cannot_work_is_refused(tempog, tmp_path: Path, words: list[object], code: int, expected: str) -> None:
     got, _, err = tempog(*words, "-o", tmp_path / "a")
     assert (got, expected in err) == (code, True), err
     assert not (tmp_path / "a").exists()
+
+
+def test_a_setting_given_twice_counts_once_and_a_nameless_world_has_its_file_s_name(tempog, tmp_path: Path) -> None:
+    world = tmp_path / "yard.toml"
+    world.write_text("[robot]\nwaypoints = [[0, 0]]\n[[wall]]\nline = [[-1, 2], [1, 2]]\n")
+    twice = ["--method", "paper", "--method", "paper", "--resolution", 0.1, "--resolution", 0.1]
+    code, out, _ = tempog(world, "-o", tmp_path / "a", "--duration", 2, *twice)
+    assert code == 0
+    (row,) = rows_of(out)
+    assert (row["seeds"], row["world"]) == ("1", "yard")
 
 
 def test_results_are_not_overwritten_without_force(tempog, tmp_path: Path) -> None:

@@ -141,8 +141,10 @@ def test_a_log_never_stands_beside_the_truth_about_another(tempog, tmp_path, mon
         (["hallway", "-o", "{tmp}/none/a.npz"], 1, "is not a directory"),
         (["hallway", "-o", "{tmp}/dir.npz"], 1, "is a directory"),
         (["nowhere", "-o", "{tmp}/a.npz"], 1, "cannot read nowhere: No such file"),
-        (["hallway", "-o", "{tmp}/a.npz", "--people", "-1"], 1, "people.number = -1"),
-        (["hallway", "-o", "{tmp}/a.npz", "--duration", "0"], 1, "duration_s = 0.0"),
+        (["hallway", "-o", "{tmp}/a.npz", "--people", "-1"], 2, "--people"),
+        (["hallway", "-o", "{tmp}/a.npz", "--duration", "0"], 2, "--duration 0"),
+        (["hallway", "-o", "{tmp}/a.npz", "--duration", "inf"], 2, "--duration inf"),
+        (["hallway", "-o", "{tmp}/a.npz", "--duration", "1e14"], 1, "not enough memory"),
     ],
 )
 def test_what_cannot_be_done_is_refused_in_one_message(tempog, tmp_path, words, code, message):

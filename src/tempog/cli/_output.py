@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 PICTURE_SUFFIXES = (".png", ".pdf", ".svg", ".jpg", ".webp")
 
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
+PeopleOption = Annotated[int | None, typer.Option(min=0, help="How many people walk. Default: as the world says.")]
+DurationOption = Annotated[float | None, typer.Option(help="Seconds. Default: as the world says.")]
 ForceFlag = Annotated[bool, typer.Option("--force", help="Replace what is there.")]
 QuietFlag = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar, no notes.")]
 
@@ -69,6 +72,21 @@ def count_text(count: int) -> str:
     '1 923 258'
     """
     return f"{count:,}".replace(",", " ")
+
+
+def counted(count: int, one: str, many: str) -> str:
+    """A number and what it counts.
+
+    >>> counted(1, "run", "runs"), counted(2000, "run", "runs")
+    ('1 run', '2 000 runs')
+    """
+    return f"{count_text(count)} {one if count == 1 else many}"
+
+
+def check_duration(seconds: float | None) -> None:
+    """Refuse to simulate nothing, or without end."""
+    if seconds is not None and not 0 < seconds < math.inf:
+        raise ConfigError(f"--duration {seconds:g} cannot work; wanted seconds above 0")
 
 
 def track_scans(scans: list[Scan]) -> Iterable[Scan]:

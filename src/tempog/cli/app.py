@@ -55,6 +55,12 @@ def run() -> None:
     except TempogError as error:
         typer.echo(f"tempog: {error}", err=True)
         sys.exit(WRONG_USAGE if isinstance(error, ConfigError) else BAD_DATA)
+    except MemoryError as error:
+        what = f": {error}" if str(error) else ""
+        typer.echo(
+            f"tempog: not enough memory{what}; try a shorter time, larger cells, or a larger machine", err=True
+        )
+        sys.exit(BAD_DATA)
     except OSError as error:  # the disk's or the file system's own words: full, read-only, name too long
         typer.echo(f"tempog: {error}", err=True)
         sys.exit(BAD_DATA)

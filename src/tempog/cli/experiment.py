@@ -10,9 +10,21 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 from tempog._files import whole_file
-from tempog.cli._output import ForceFlag, QuietFlag, print_note, save_figure, status, track_scans, wants_progress
+from tempog.cli._output import (
+    DurationOption,
+    ForceFlag,
+    PeopleOption,
+    QuietFlag,
+    check_duration,
+    counted,
+    print_note,
+    save_figure,
+    status,
+    track_scans,
+    wants_progress,
+)
 from tempog.config import GridConfig, MapConfig
-from tempog.errors import ConfigError, MapError
+from tempog.errors import ConfigError, MapError, WorldError
 from tempog.methods import METHODS, Method
 
 if TYPE_CHECKING:
@@ -44,8 +56,8 @@ def experiment(
         list[float] | None,
         typer.Option(help="Side of a cell, metres; may be given several times. For all experiments: 0.1 and 0.05."),
     ] = None,
-    people: Annotated[int | None, typer.Option(help="In a world: how many. Default: as it says.")] = None,
-    duration: Annotated[float | None, typer.Option(help="Seconds. Default: as the world says.")] = None,
+    people: PeopleOption = None,
+    duration: DurationOption = None,
     force: ForceFlag = False,
     quiet: QuietFlag = False,
 ) -> None:
@@ -53,6 +65,7 @@ def experiment(
     from tempog.evaluation.experiment import EXPERIMENTS, drive_through, examine
     from tempog.evaluation.table import scores_table
 
+    check_duration(duration)
     runs: dict[str, tuple[str, int | None]]
     if name in (ALL, *EXPERIMENTS):
         if people is not None:
@@ -61,12 +74,14 @@ def experiment(
             )
         runs = {one: ("hallway", EXPERIMENTS[one]) for one in (EXPERIMENTS if name == ALL else [name])}
     else:
+        check_world(name, seed)
         runs = {Path(name).stem: (name, people)}
     for one_name in method or []:
         if one_name not in METHODS:
             raise ConfigError(f"--method {one_name} is unknown; wanted one of {', '.join(METHODS)}")
     methods = cast("list[Method]", method) or (list(METHODS) if name == ALL else ["evidence"])
     resolutions = resolution or ([0.1, 0.05] if name == ALL else [GridConfig.resolution_m])
+    methods, resolutions = list(dict.fromkeys(methods)), list(dict.fromkeys(resolutions))  # each once
     for resolution_m in resolutions:
         MapConfig(grid=GridConfig(resolution_m=resolution_m))  # rather refused now than after a simulation
     folders = {title: output / title if len(runs) > 1 else output for title in runs}
@@ -97,7 +112,21 @@ def experiment(
             unfinished.write_text(text + "\n", encoding="utf-8")
     typer.echo(table)
     if not quiet:
-        print_note(f"{len(outcomes)} runs in {time.perf_counter() - started:.1f} s; pictures and scores in {output}")
+        runs_text = counted(len(outcomes), "run", "runs")
+        print_note(f"{runs_text} in {time.perf_counter() - started:.1f} s; pictures and scores in {output}")
+
+
+def check_world(name: str, seed: int) -> None:
+    """Refuse what is neither experiment nor world."""
+    from tempog.evaluation.experiment import EXPERIMENTS
+    from tempog.simulation import load_world
+
+    try:
+        load_world(name, seed)
+    except WorldError as error:
+        if Path(name).exists():
+            raise
+        raise WorldError(f"{error}\n  Experiments: {', '.join([*EXPERIMENTS, ALL])}.") from error
 
 
 def check_new_results(output: Path, folders: dict[str, Path], force: bool) -> None:

@@ -8,11 +8,14 @@ from typing import Annotated
 import typer
 
 from tempog.cli._output import (
+    DurationOption,
     ForceFlag,
     JsonFlag,
+    PeopleOption,
     QuietFlag,
+    check_duration,
     check_new_file,
-    count_text,
+    counted,
     duration_text,
     print_json,
     status,
@@ -28,9 +31,9 @@ def simulate(
         str, typer.Argument(metavar="WORLD", help="A world as a TOML file, or: hallway, office, ring, rooms, random.")
     ],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="LOG", help="The log to write: .npz, or .log.")],
-    people: Annotated[int | None, typer.Option(help="How many people walk. Default: as the world says.")] = None,
+    people: PeopleOption = None,
     seed: Annotated[int, typer.Option(min=0, help="Of people, doors, noise, and random buildings.")] = 0,
-    duration: Annotated[float | None, typer.Option(help="Seconds. Default: as the world says.")] = None,
+    duration: DurationOption = None,
     force: ForceFlag = False,
     quiet: QuietFlag = False,
     json: JsonFlag = False,
@@ -40,6 +43,7 @@ def simulate(
     from tempog.simulation import simulate as run
     from tempog.simulation.truth import truth_paths, write_truth
 
+    check_duration(duration)
     if output.suffix.lower() not in LOG_SUFFIXES:
         raise ConfigError(f"{output} names no kind of log; wanted a name that ends in {', '.join(LOG_SUFFIXES)}")
     for path in (output, *truth_paths(output)):
@@ -76,7 +80,8 @@ def simulate(
         )
     elif not quiet:
         typer.echo(
-            f"{output}: {count_text(len(simulation.scans))} scans in {duration_text(simulation.duration_s)},"
-            f" {n_people} people{replayed}, {len(described.things)} doors and boxes"
+            f"{output}: {counted(len(simulation.scans), 'scan', 'scans')} in {duration_text(simulation.duration_s)},"
+            f" {counted(n_people, 'person', 'people')}{replayed},"
+            f" {counted(len(described.things), 'door or box', 'doors and boxes')}"
         )
         typer.echo(f"Truth: {as_json}, {as_npz}")

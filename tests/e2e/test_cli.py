@@ -187,6 +187,8 @@ def test_show_at_two_moments_gives_two_pictures(tempog: Tempog, corridor_map: Pa
     [
         (["--at", "+10", "--from", "+5"], 2, "--at"),
         (["--at", "+10", "--layer", "static"], 2, "--from"),
+        (["--hold", 5, "--layer", "static"], 2, "--hold"),
+        (["--method", "paper", "--layer", "static"], 2, "--method"),
         (["--at", "tomorrow"], 2, "tomorrow"),
         (["--from", "+20", "--to", "+10"], 2, "exchange"),
         (["--at", "+1000"], 1, "+59.9"),

@@ -12,6 +12,7 @@ from tempog.analysis.find_objects import find_objects
 from tempog.analysis.objects_schema import read_objects
 from tempog.cli.app import run
 from tempog.evaluation import evaluate, truth_document
+from tempog.scans.npz import write_npz
 from tempog.simulation import load_world, simulate
 from tempog.simulation.truth import Truth, read_truth, write_truth
 
@@ -84,10 +85,22 @@ def test_what_a_document_says_is_scored_whatever_method_is_asked(tempog, hall, t
     assert (
         tempog("objects", hall / "hall.tempog", "--json", tmp_path / "o.json", "--from", "+10", "--to", "+60")[0] == 0
     )
-    code, out, _ = tempog("evaluate", tmp_path / "o.json", hall / "hall.npz", "--method", "paper-tuned")
-    assert code == 0
+    code, out, err = tempog("evaluate", tmp_path / "o.json", hall / "hall.npz", "--method", "paper-tuned")
+    assert (code, "--method ignored" in err) == (0, True)
     assert out.startswith("hallway, method evidence, 50.0 s, ")
-    assert "on the move     unknown                 unknown                 0 scans" in out
+    unknown = f"on the move     {'unknown':24}{'unknown':24}"
+    assert f"{unknown}0 scans, tempog objects --high-dynamic writes them" in out
+
+
+def test_a_map_of_another_log_is_scored_with_a_warning(tempog, hall, tmp_path):
+    simulation = simulate(load_world("hallway"), 5.0)
+    write_npz(tmp_path / "other.npz", simulation.scans)
+    assert tempog("map", tmp_path / "other.npz", "-o", tmp_path / "other.tempog")[0] == 0
+    code, out, err = tempog("evaluate", tmp_path / "other.tempog", hall / "hall.npz.truth.json")
+    assert (code, out[:7]) == (0, "hallway")
+    assert "is a map of other.npz, the truth is about hall.npz" in err
+    write_truth(tmp_path / "other.npz", simulation)
+    assert tempog("evaluate", tmp_path / "other.tempog", tmp_path / "other.npz")[2] == ""
 
 
 @pytest.mark.parametrize(
@@ -96,7 +109,7 @@ def test_what_a_document_says_is_scored_whatever_method_is_asked(tempog, hall, t
         (["{hall}/true.json", "{hall}/none.npz"], 1, "none.npz.truth.json: No such file"),
         (["{hall}/none.json", "{hall}/hall.npz"], 1, "cannot read "),
         (["{hall}/hall.npz.truth.json", "{hall}/hall.npz"], 1, "format is 'tempog-truth'; wanted \"tempog-objects\""),
-        (["{hall}/hall.npz.truth.npz", "{hall}/hall.npz"], 1, "is no JSON"),
+        (["{hall}/hall.npz.truth.npz", "{hall}/hall.npz"], 1, "is no JSON; wanted a map"),
         (["{hall}", "{hall}/hall.npz"], 1, "map.json"),
         (["{hall}/true.json", "{hall}/hall.npz", "--method", "magic"], 2, "magic"),
         (["{hall}/true.json"], 2, "TRUTH"),

@@ -7,14 +7,25 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tempog.cli._output import JsonFlag, QuietFlag, count_text, duration_text, print_json, status, wants_progress
-from tempog.cli.objects import MethodOption
+from tempog.cli._output import (
+    JsonFlag,
+    QuietFlag,
+    count_text,
+    counted,
+    duration_text,
+    print_json,
+    print_note,
+    status,
+    wants_progress,
+)
+from tempog.errors import AnswerError
 from tempog.methods import Method
 
 if TYPE_CHECKING:
     from tempog.evaluation import Scores, Share
 
 LISTED = 12  # missed places
+EVERY_S = 1.0  # as in the experiments
 
 
 def evaluate(
@@ -22,10 +33,13 @@ def evaluate(
         Path, typer.Argument(metavar="MAP_OR_JSON", help="A map, or what tempog objects --json wrote about one.")
     ],
     truth: Annotated[Path, typer.Argument(metavar="TRUTH", help="The log that was mapped, or LOG.truth.json.")],
-    method: MethodOption = "evidence",
+    method: Annotated[
+        Method | None, typer.Option(help="Of a map: how to find objects, as for tempog objects. Default: evidence.")
+    ] = None,
     every: Annotated[
-        float, typer.Option(min=0, help="Of a map: seconds from one look for what is on the move to the next.")
-    ] = 1.0,
+        float | None,
+        typer.Option(min=0, help="Of a map: seconds from one look for what is on the move to the next. Default: 1."),
+    ] = None,
     json: JsonFlag = False,
     quiet: QuietFlag = False,
 ) -> None:
@@ -34,8 +48,11 @@ def evaluate(
     from tempog.simulation.truth import read_truth
 
     known = read_truth(truth)
+    if not quiet and not json:
+        for note in doubts(answer, truth, method, every):
+            print_note(note)
     with status("finding objects", wants_progress(quiet or json)):
-        document = found(answer, method, every)
+        document = found(answer, method or "evidence", EVERY_S if every is None else every)
     with status("comparing with the truth", wants_progress(quiet or json)):
         scores = judge(document, known)
     if json:
@@ -47,6 +64,11 @@ def evaluate(
 def found(answer: Path, method: Method, every_s: float) -> dict[str, Any]:
     """The document to score: a JSON file as it is, or what a method finds in a map."""
     if not answer.is_dir():
+        if answer.is_file() and answer.suffix in (".npz", ".log", ".clf", ".gz"):
+            raise AnswerError(
+                f"{answer} is no JSON; wanted a map, which tempog map makes of a log,"
+                " or what tempog objects --json writes"
+            )
         from tempog.analysis.objects_schema import read_objects
 
         return read_objects(answer)
@@ -55,6 +77,26 @@ def found(answer: Path, method: Method, every_s: float) -> dict[str, Any]:
 
     objects = find_objects(open_map(answer), method)
     return objects.document(objects.high_dynamics(every_s))
+
+
+def doubts(answer: Path, truth: Path, method: Method | None, every_s: float | None) -> list[str]:
+    """What a user may have got wrong, though it can be scored."""
+    if not answer.is_dir():
+        given = {"--method": method, "--every": every_s}
+        names = [name for name, value in given.items() if value is not None]
+        return [f"{' and '.join(names)} ignored: {answer} says what was found already"] if names else []
+    from tempog.simulation.truth import SUFFIXES
+    from tempog.store.map_directory import open_map
+
+    log = truth.name
+    for suffix in SUFFIXES:
+        log = log.removesuffix(suffix)
+    mapped = [Path(source["path"]).name for source in open_map(answer).manifest["sources"] if source["path"]]
+    if not mapped or log in mapped:
+        return []
+    return [
+        f"{answer} is a map of {', '.join(mapped)}, the truth is about {log}; scores mean nothing if these differ"
+    ]
 
 
 def table(scores: Scores) -> list[str]:
@@ -84,7 +126,8 @@ def table(scores: Scores) -> list[str]:
             "on the move",
             moving.precision,
             moving.recall,
-            f"{count_text(moving.n_scans)} scans",
+            counted(moving.n_scans, "scan", "scans"),
+            "" if moving.n_scans else "tempog objects --high-dynamic writes them",
             f"false {_share(moving.false_share)} of what was hit" if moving.false_share.of else "",
             _neutral(moving.n_neutral),
         ),

@@ -10,8 +10,8 @@ import typer
 
 from tempog.cli._output import ForceFlag, check_new_picture, save_figure
 from tempog.cli.info import MapArgument
-from tempog.cli.objects import MethodOption
 from tempog.errors import ConfigError, TimeError
+from tempog.methods import Method
 from tempog.times import NS_PER_S
 from tempog.views.layers import MOMENT_LAYERS, Layer
 
@@ -31,9 +31,12 @@ def show(
     start: Annotated[str | None, typer.Option("--from", metavar="A", help="Begin of the period to draw.")] = None,
     stop: Annotated[str | None, typer.Option("--to", metavar="B", help="End of the period to draw.")] = None,
     hold: Annotated[
-        float, typer.Option(help="Seconds that a cell keeps its last known state (occupancy, age).")
-    ] = math.inf,
-    method: MethodOption = "evidence",
+        float | None,
+        typer.Option(help="Seconds that a cell keeps its last known state (occupancy, age). Default: for ever."),
+    ] = None,
+    method: Annotated[
+        Method | None, typer.Option(help="How objects are found, as for tempog objects (objects). Default: evidence.")
+    ] = None,
     force: ForceFlag = False,
 ) -> None:
     """Draw one layer of a map."""
@@ -45,12 +48,23 @@ def show(
 
     if at is not None and layer not in MOMENT_LAYERS:
         raise ConfigError(f"--at names a moment, but the {layer} layer shows a period; use --from and --to")
+    if hold is not None and layer not in MOMENT_LAYERS:
+        raise ConfigError(f"--hold does not go with the {layer} layer; it is for {' and '.join(MOMENT_LAYERS)}")
+    if method is not None and layer != "objects":
+        raise ConfigError(f"--method does not go with the {layer} layer; it is for objects")
     history: History = open_map(map_path)
     if at is not None:
         _require_covered(history, at)
     if start is not None or stop is not None:
         history = history.window(start, stop)
-    figure = draw_layer(history, layer, at=at, hold=hold, method=method, title=map_path.stem)
+    figure = draw_layer(
+        history,
+        layer,
+        at=at,
+        hold=math.inf if hold is None else hold,
+        method=method or "evidence",
+        title=map_path.stem,
+    )
     save_figure(figure, output)
     typer.echo(f"{output}: {layer} of {map_path}")
 

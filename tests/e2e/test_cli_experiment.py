@@ -88,6 +88,17 @@ def test_buildings_by_chance_are_one_row_however_many_seeds(tempog, tmp_path: Pa
     assert [run["world"] for run in runs] == ["random 0", "random 1"]
 
 
+def test_a_narrow_terminal_gets_the_table_upright(tempog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    for columns, heading in ((100, "| world"), (400, "| world   | people")):
+        monkeypatch.setenv("COLUMNS", str(columns))
+        code, out, _ = tempog("1", "-o", tmp_path, "--duration", 10, "--force")
+        assert (code, out.startswith(heading)) == (0, True)
+        assert max(map(len, out.splitlines())) <= columns
+        assert ("| people " in out.splitlines()[2]) == (columns == 100)
+        assert (tmp_path / "table.md").read_text().startswith("| world   | people")
+
+
 @pytest.mark.parametrize(
     ("words", "code", "expected"),
     [

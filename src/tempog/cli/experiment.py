@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shutil
+import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
@@ -110,6 +112,10 @@ def experiment(
     for file, text in zip(RESULTS, (table, scores), strict=True):
         with whole_file(output / file) as unfinished:
             unfinished.write_text(text + "\n", encoding="utf-8")
+    columns = shutil.get_terminal_size().columns
+    if sys.stdout.isatty() and max(map(len, table.splitlines())) > columns:
+        upright = scores_table(outcomes, upright=True)
+        table = upright if max(map(len, upright.splitlines())) <= columns else table
     typer.echo(table)
     if not quiet:
         runs_text = counted(len(outcomes), "run", "runs")

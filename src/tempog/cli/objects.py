@@ -85,7 +85,8 @@ def objects(
     for name, place in places[:LISTED]:
         typer.echo(f"{name:>6} {place_text(place)}")
     if len(places) > LISTED:
-        typer.echo(f"... and {len(places) - LISTED} more; --json FILE lists them")
+        where = f"{file} lists them" if file is not None else "--json FILE lists them"
+        typer.echo(f"... and {len(places) - LISTED} more; {where}")
     if measured:
         mean = sum(len(one.cells) for one in measured) / len(measured)
         typer.echo(

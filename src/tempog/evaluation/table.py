@@ -30,7 +30,7 @@ COLUMNS = (
     Column("of", lambda run: float(run.scores.objects.associated.of + run.scores.objects.alone.of), 1),
     Column("wrong links", lambda run: float(run.scores.links.n_wrong), 1),
     Column("moving: precision", lambda run: run.scores.high_dynamic.precision.value),
-    Column("recall", lambda run: run.scores.high_dynamic.recall.value),
+    Column("moving: recall", lambda run: run.scores.high_dynamic.recall.value),
     *(
         Column(f"{step} (s)", lambda run, step=step: run.step_s[step], 1)  # type: ignore[misc]
         for step in ("simulate", "map", "analyse")
@@ -44,12 +44,12 @@ def n_missed(share: Share) -> int:
     return share.of - share.n
 
 
-def scores_table(outcomes: Sequence[Outcome]) -> str:
+def scores_table(outcomes: Sequence[Outcome], *, upright: bool = False) -> str:
     """A Markdown table of runs, grouped by world, people, method and resolution, in the order they first came.
 
     A number is the mean over the seeds, followed by the smallest and the largest value where they differ when
     rounded. "-" stands where no run says anything: nobody was on the move, for example. Random buildings are one
-    world, whatever their seed.
+    world, whatever their seed. An `upright` table has a column per setting instead of a row.
     """
     first_seen = {key: k for k, key in reversed(list(enumerate(map(_setting, outcomes))))}
     ordered = sorted(outcomes, key=lambda run: first_seen[_setting(run)])
@@ -58,6 +58,8 @@ def scores_table(outcomes: Sequence[Outcome]) -> str:
         group = list(runs)
         cells = [_cell([column.value(run) for run in group], column.digits) for column in COLUMNS]
         rows.append([*map(str, setting), str(len(group)), *cells])
+    if upright:
+        rows = [list(column) for column in zip(*rows, strict=True)]
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     lines = [
         "| " + " | ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)) + " |" for row in rows

@@ -121,7 +121,7 @@ class EvidenceConfig:
         What must speak for a cell's having been occupied, and for its having been free, before it can be part of
         a place; one stretch of 0.7 s is 0.5.
     reach_m : float, metres
-        Cells this close are compared. Wider than a leaf is thick, so that both faces meet.
+        Cells this close are compared: over the gaps between sparse hits, and from one face of a leaf to the other.
     alike_above : float
         Log-likelihood ratio from which on two cells, or groups, change together.
     piece_m, smallest_m : float, metres
@@ -183,7 +183,7 @@ class EvidenceConfig:
     dwell_s: float = 30.0
     worth_s: float = 2.0
     least_evidence: float = 0.4
-    reach_m: float = 0.15
+    reach_m: float = 0.2
     alike_above: float = 0.5
     piece_m: float = 0.12
     smallest_m: float = 0.3

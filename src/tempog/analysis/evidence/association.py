@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tempog.analysis.configurations import Period
 from tempog.analysis.evidence.places import Place
+from tempog.analysis.series_kernels import connect
 from tempog.methods import EvidenceConfig
 from tempog.times import NS_PER_S
 
@@ -140,43 +141,43 @@ def _apart_m(points: NDArray[np.float64], others: NDArray[np.float64]) -> float:
 
 def _neighbourhoods(sets: Sequence[PlaceSet]) -> list[list[PlaceSet]]:
     """Sets in parts such that no two parts share a place."""
-    owner: dict[int, int] = {}
+    pairs = np.array([pair for one in sets for pair in pairwise(one.members)], dtype=np.int64).reshape(-1, 2)
+    part_of = np.arange(pairs.max(initial=-1) + 1)
+    left, right = pairs.T.copy()
+    connect(left, right, part_of)
     parts: dict[int, list[PlaceSet]] = {}
     for one in sets:
-        touched = sorted({owner[i] for i in one.members if i in owner})
-        if not touched:
-            touched = [len(owner) + max(parts, default=0) + 1]
-            parts[touched[0]] = []
-        for part in touched[1:]:
-            parts[touched[0]] += parts.pop(part)
-        parts[touched[0]].append(one)
-        for other in parts[touched[0]]:
-            for i in other.members:
-                owner[i] = touched[0]
+        parts.setdefault(int(part_of[one.members[0]]), []).append(one)
     return list(parts.values())
 
 
 def best_disjoint(sets: Sequence[PlaceSet]) -> list[PlaceSet]:
     """Of sets that may share places, the disjoint ones whose log odds sum up to most; branch and bound.
 
+    After `MAX_TRIES` the best so far; the first tried takes the largest odds first.
+
     >>> best_disjoint([PlaceSet((0, 1), 3.0), PlaceSet((1, 2), 4.0), PlaceSet((2, 3), 3.0)])
     [PlaceSet(members=(0, 1), log_odds=3.0), PlaceSet(members=(2, 3), log_odds=3.0)]
     """
-    ordered = sorted(sets, key=lambda one: (-one.log_odds, one.members))
-    rest = np.append(np.cumsum([one.log_odds for one in ordered[::-1]])[::-1], 0.0).tolist()
-    best: list[PlaceSet] = []
-    best_odds, n_tries = 0.0, 0
-
-    def choose(k: int, taken: frozenset[int], chosen: list[PlaceSet], odds: float) -> None:
-        nonlocal best, best_odds, n_tries
-        if odds > best_odds:
-            best, best_odds = list(chosen), odds
-        for i in range(k, len(ordered)):
-            n_tries += 1
-            if odds + rest[i] <= best_odds or n_tries > MAX_TRIES:
-                return
-            if taken.isdisjoint(ordered[i].members):
-                choose(i + 1, taken | set(ordered[i].members), [*chosen, ordered[i]], odds + ordered[i].log_odds)
-
-    choose(0, frozenset(), [], 0.0)
-    return sorted(best)
+    ordered = sorted((one for one in sets if one.log_odds > 0), key=lambda one: (-one.log_odds, one.members))
+    rest = np.cumsum([one.log_odds for one in ordered[::-1]])[::-1].tolist()
+    best: list[int] = []
+    best_odds = odds = 0.0
+    chosen: list[tuple[int, float]] = []  # which, and the odds before it
+    taken: set[int] = set()
+    k = 0
+    for _ in range(MAX_TRIES):
+        if k < len(ordered) and odds + rest[k] > best_odds:
+            if taken.isdisjoint(ordered[k].members):
+                chosen.append((k, odds))
+                taken.update(ordered[k].members)
+                odds += ordered[k].log_odds
+                if odds > best_odds:
+                    best, best_odds = [i for i, _ in chosen], odds
+        elif chosen:
+            k, odds = chosen.pop()
+            taken.difference_update(ordered[k].members)
+        else:
+            break
+        k += 1
+    return sorted(ordered[i] for i in best)

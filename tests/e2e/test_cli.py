@@ -166,7 +166,7 @@ def test_a_corrupt_pose_stops_the_map_and_names_the_scan(tempog: Tempog, tmp_pat
 
 
 def test_show_draws_every_layer(tempog: Tempog, corridor_map: Path, tmp_path: Path) -> None:
-    for layer in ["occupancy", "static", "dynamics", "classic", "age", "objects"]:
+    for layer in ["occupancy", "static", "dynamics", "classic", "age", "objects", "high-dynamic", "timeline"]:
         picture = tmp_path / f"{layer}.png"
         assert tempog("show", corridor_map, "--layer", layer, "-o", picture).code == 0
         pixels = matplotlib.image.imread(picture)

@@ -83,10 +83,7 @@ def likelihood_ratio(neither, right_only, left_only, both, disagreement):
     p_either = (p_left + p_right) / 2
     ratio = 0.0
     for (left, right), evidence in seen.items():
-        if left != right:
-            of_one = disagreement / 2
-        else:
-            of_one = (1 - disagreement) * (p_either if left else 1 - p_either)
+        of_one = disagreement / 2 if left != right else (1 - disagreement) * (p_either if left else 1 - p_either)
         of_two = (p_left if left else 1 - p_left) * (p_right if right else 1 - p_right)
         ratio += evidence * math.log(of_one / of_two)
     return ratio

@@ -246,6 +246,23 @@ def test_looks_for_what_is_on_the_move_are_so_far_apart_in_time(every_s, wanted_
     assert [one.stamp_ns / NS for one in high_dynamics(grid, every_s)] == wanted_s
 
 
+def test_somebody_in_the_open_door_is_on_the_move_if_free_places_count() -> None:
+    timeline = door("closed", "open", "closed", "open")
+    seconds, said = timeline.pop()
+    somebody = {
+        "occupied": [*said["occupied"], CLOSED[0]],
+        "free": [cell for cell in said["free"] if cell != CLOSED[0]],
+    }
+    grid = grid_of(told([*timeline, (seconds, said), (1.0, somebody)]))  # one cell of the closed leaf's three
+    found = find_objects(grid, "paper")
+    assert places(found.configurations) == [CLOSED, OPEN]
+    explained = {"walls": found.walls, "configurations": found.configurations}
+    assert high_dynamic(grid, **explained).cells.tolist() == []
+    assert high_dynamic(grid, **explained, in_free_places=True).cells.tolist() == [list(CLOSED[0])]
+    by_scan = high_dynamics(grid, **explained, in_free_places=True)
+    assert [len(one.cells) for one in by_scan] == [0] * 400 + [1] * 10  # the leaf itself never counts
+
+
 def test_the_tuned_method_is_the_same_with_other_settings() -> None:
     found = find_objects(grid_of(told(door("closed", "open", "closed"))), "paper-tuned", PaperConfig())
     assert (len(found.objects), found.unassociated) == (1, ())

@@ -69,7 +69,12 @@ class FoundObjects:
 
     @property
     def _explained(self) -> dict[str, Any]:
-        return {"walls": self.walls, "configurations": self.configurations, "near_m": self.settings.near_m}
+        return {
+            "walls": self.walls,
+            "configurations": self.configurations,
+            "near_m": self.settings.near_m,
+            "in_free_places": self.method == "evidence",
+        }
 
     def document(self, moving: Sequence[HighDynamic] = ()) -> dict[str, Any]:
         """All of it as the schema ``tempog/schemas/objects-1.json`` has it, ready for `json.dumps`.

@@ -44,6 +44,7 @@ def high_dynamic(
     walls: NDArray[np.int8] | None = None,
     configurations: Sequence[Configuration] = (),
     near_m: float = 0.0,
+    in_free_places: bool = False,
 ) -> HighDynamic:
     """Occupied cells of one measurement that are neither static nor part of a configuration (Fig. 11).
 
@@ -58,6 +59,8 @@ def high_dynamic(
     configurations : sequence of Configuration
     near_m : float, metres
         Cells whose centres are this close to a static cell's or a configuration's are left out, too.
+    in_free_places : bool
+        Whether what is at a configuration that is known to be free at the time counts: somebody in the open door.
 
     Raises
     ------
@@ -82,7 +85,7 @@ def high_dynamic(
                 f"no measurement at or before {history.format_moment(stamp_ns)}: the first is at {first};"
                 " choose a later moment"
             )
-    return _at_scans(history, np.array([scan]), walls, configurations, near_m)[0]
+    return _at_scans(history, np.array([scan]), walls, configurations, near_m, in_free_places)[0]
 
 
 def high_dynamics(
@@ -92,6 +95,7 @@ def high_dynamics(
     walls: NDArray[np.int8] | None = None,
     configurations: Sequence[Configuration] = (),
     near_m: float = 0.0,
+    in_free_places: bool = False,
 ) -> list[HighDynamic]:
     """Fig. 11 for the measurements of a whole period, in one go.
 
@@ -101,7 +105,7 @@ def high_dynamics(
         A grid, a saved map, or a window of either.
     every_s : float, seconds
         Least time from one chosen measurement to the next; 0 for all of them.
-    walls, configurations, near_m
+    walls, configurations, near_m, in_free_places
         As in `high_dynamic`.
     """
     history.require_scans()
@@ -116,7 +120,7 @@ def high_dynamics(
             chosen.append(after)
             after = max(after + 1, int(np.searchsorted(elapsed_ns, elapsed_ns[after] + step_ns)))
         scans = scans[chosen]
-    return _at_scans(history, scans, walls, configurations, near_m)
+    return _at_scans(history, scans, walls, configurations, near_m, in_free_places)
 
 
 def _at_scans(
@@ -125,6 +129,7 @@ def _at_scans(
     walls: NDArray[np.int8] | None,
     configurations: Sequence[Configuration],
     near_m: float,
+    in_free_places: bool,
 ) -> list[HighDynamic]:
     """Fig. 11 at chosen scans, given by their numbers in rising order."""
     if not 0 <= near_m < np.inf:
@@ -132,9 +137,9 @@ def _at_scans(
     if walls is None:
         walls = static_map(history, weight="interval")
     explained = static_cells(history, walls)
-    for configuration in configurations:
-        numbers = [history.tiles.cell_number(row, col) for row, col in configuration.cells.tolist()]
-        explained[[number for number in numbers if number != NO_CELL]] = True
+    if not in_free_places:
+        for configuration in configurations:
+            explained[_numbers(history, configuration.cells)] = True
     if near_m > 0:
         explained = _widened(history, explained, near_m)
     at, moving = [np.empty(0, np.int64)], [np.empty(0, np.int32)]
@@ -147,8 +152,11 @@ def _at_scans(
         before = np.cumsum(lasted) - lasted
         moving.append(np.repeat(cells[kept], lasted))
         at.append(np.arange(int(lasted.sum())) - np.repeat(before - begin, lasted))
-    where = np.concatenate(at)
-    rows, cols = history.tiles.rows_cols(np.concatenate(moving))
+    where, numbers = np.concatenate(at), np.concatenate(moving)
+    if in_free_places:
+        kept = ~_in_taken_places(history, history.stamps_ns[scans[where]], numbers, configurations, near_m)
+        where, numbers = where[kept], numbers[kept]
+    rows, cols = history.tiles.rows_cols(numbers)
     order = np.lexsort((cols, rows, where))
     where, places = where[order], np.stack([rows, cols], axis=-1)[order]
     bounds = np.searchsorted(where, np.arange(len(scans) + 1))
@@ -159,6 +167,40 @@ def _at_scans(
         )
         for k, scan in enumerate(scans.tolist())
     ]
+
+
+def _numbers(history: History, cells: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Numbers of those of some cells, (n, 2) row and col, that the history has."""
+    numbers = np.array([history.tiles.cell_number(row, col) for row, col in cells.tolist()], dtype=np.int64)
+    return np.asarray(numbers[numbers != NO_CELL])
+
+
+def _in_taken_places(
+    history: History,
+    stamps_ns: NDArray[np.int64],
+    numbers: NDArray[np.int32],
+    configurations: Sequence[Configuration],
+    near_m: float,
+) -> NDArray[np.bool_]:
+    """For each cell at a time: whether it is at a configuration that is not known to be free then."""
+    reach = near_m / history.tiles.spec.resolution_m + 1e-9
+    steps = np.arange(-int(reach), int(reach) + 1)
+    up, right = np.meshgrid(steps, steps, indexing="ij")
+    disc = np.stack([up, right], axis=-1)[up**2 + right**2 <= reach**2]
+    order = np.argsort(numbers, kind="stable")
+    taken = np.zeros(len(numbers), dtype=np.bool_)
+    for configuration in configurations:
+        cells = np.unique((configuration.cells[:, None] + disc).reshape(-1, 2), axis=0).astype(np.int32)
+        mine = _numbers(history, cells)
+        begin, end = (np.searchsorted(numbers, mine, side=side, sorter=order) for side in ("left", "right"))
+        which = np.concatenate([np.empty(0, np.int64), *(order[a:b] for a, b in zip(begin, end, strict=True))])
+        free = [period for period in configuration.periods if period.state == "free"]
+        since, until = (np.array([period[k] for period in free], dtype=np.int64) for k in (0, 1))
+        at = np.searchsorted(since, stamps_ns[which], side="right") - 1
+        is_free = np.zeros(len(which), dtype=np.bool_)
+        is_free[at >= 0] = stamps_ns[which][at >= 0] < until[at[at >= 0]]
+        taken[which[~is_free]] = True
+    return taken
 
 
 def _widened(history: History, marked: NDArray[np.bool_], reach_m: float) -> NDArray[np.bool_]:

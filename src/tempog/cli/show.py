@@ -13,7 +13,7 @@ from tempog.cli.info import MapArgument
 from tempog.errors import ConfigError, TimeError
 from tempog.methods import Method
 from tempog.times import NS_PER_S
-from tempog.views.layers import MOMENT_LAYERS, Layer
+from tempog.views.layers import FOUND_LAYERS, MOMENT_LAYERS, Layer
 
 if TYPE_CHECKING:
     from tempog.grid.history import History
@@ -50,7 +50,7 @@ def show(
         raise ConfigError(f"--at names a moment, but the {layer} layer shows a period; use --from and --to")
     if hold is not None and layer not in MOMENT_LAYERS:
         raise ConfigError(f"--hold does not go with the {layer} layer; it is for {' and '.join(MOMENT_LAYERS)}")
-    if method is not None and layer != "objects":
+    if method is not None and layer not in FOUND_LAYERS:
         raise ConfigError(f"--method does not go with the {layer} layer; it is for objects")
     history: History = open_map(map_path)
     if at is not None:

@@ -38,8 +38,8 @@ from tempog.views.canvas import (
     cropped,
     show_map,
 )
-from tempog.views.layers import MOMENT_LAYERS, Layer
-from tempog.views.objects import draw_objects
+from tempog.views.layers import FOUND_LAYERS, MOMENT_LAYERS, Layer
+from tempog.views.objects import draw_high_dynamic, draw_objects, draw_timeline
 
 MAX_DYNAMICS = 0.5
 # Dynamics below the first are left uncoloured, from the second on drawn in full colour, so that what moves
@@ -72,7 +72,7 @@ def draw_layer(
     ----------
     history : History
         A grid, a saved map, or a window of either.
-    layer : "occupancy", "static", "dynamics", "classic", "age" or "objects"
+    layer : "occupancy", "static", "dynamics", "classic", "age", "objects", "high-dynamic" or "timeline"
         ``occupancy`` and ``age`` show one moment; the others the whole of `history`.
     at : moment, optional
         For the layers of a moment; default: the last scan.
@@ -98,8 +98,9 @@ def draw_layer(
     if at is not None and layer not in MOMENT_LAYERS:
         raise ConfigError(f"the {layer} layer shows a period, not a moment; use a window instead of at")
     history.require_scans()
-    if layer == "objects":
-        return draw_objects(find_objects(history, method), title=title)
+    if layer in FOUND_LAYERS:
+        draw = {"objects": draw_objects, "high-dynamic": draw_high_dynamic, "timeline": draw_timeline}[layer]
+        return draw(find_objects(history, method), title=title)
     is_moment = layer in MOMENT_LAYERS
     drawing = _moment_drawing(history, layer, at, hold) if is_moment else _period_drawing(history, layer)
     rgb, extent = cropped(drawing.rgb, history.extent)

@@ -4,5 +4,6 @@ from __future__ import annotations
 
 from typing import Literal
 
-Layer = Literal["occupancy", "static", "dynamics", "classic", "age", "objects"]
+Layer = Literal["occupancy", "static", "dynamics", "classic", "age", "objects", "high-dynamic", "timeline"]
+FOUND_LAYERS = ("objects", "high-dynamic", "timeline")  # layers that need objects to be found
 MOMENT_LAYERS = ("occupancy", "age")  # layers of one moment; the others are of a period

@@ -1,4 +1,4 @@
-"""The temporal map as the paper draws it: walls, places in colours, lines between places of one object (Fig. 13)."""
+"""What was found, drawn: walls, places in colours and lines between those of one object (Fig. 13), trails, times."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -14,9 +17,11 @@ from tempog.analysis.configurations import Configuration
 from tempog.analysis.find_objects import FoundObjects
 from tempog.analysis.static import CellClass
 from tempog.sensing.grid_spec import Extent
+from tempog.times import NS_PER_S
 from tempog.views.canvas import (
     BLACK,
     GREY,
+    LONGEST_SIDE_INCHES,
     UNEXPLORED,
     WHITE,
     Colour,
@@ -39,6 +44,8 @@ OBJECT_COLOURS: tuple[Colour, ...] = (
 )
 LABEL_POINTS = (13, 10)  # width and height of a number of two digits
 LABEL_STEPS = sorted(((right, up) for right in range(-2, 6) for up in range(6)), key=lambda step: math.hypot(*step))
+SHORT_S = 0.1  # shorter than anybody takes to cross a cell
+ROW_INCHES = 0.22
 LONE_COLOUR: Colour = (0.90, 0.62, 0.0)
 OBJECTS_LEGEND = [
     (BLACK, "static"),
@@ -67,6 +74,67 @@ def draw_objects(found: FoundObjects, *, title: str = "") -> Figure:
     paint_objects(axes, found)
     axes.set_title(" · ".join(part for part in (title, counts(found)) if part), fontsize=9, loc="left")
     add_legend(figure, OBJECTS_LEGEND)
+    return figure
+
+
+def draw_high_dynamic(found: FoundObjects, *, title: str = "") -> Figure:
+    """Where things were on the move, and for how long: the trails of people (Fig. 11, over a whole period).
+
+    Each cell shows the time for which it was occupied by what is neither static nor in a place of its own.
+    """
+    extent = found.history.extent
+    seconds = np.zeros(extent.shape)
+    for measured in found.high_dynamics():
+        seconds[measured.cells[:, 0] - extent.row0, measured.cells[:, 1] - extent.col0] += 1
+    period_s = found.history.scan_period_s
+    seconds *= period_s if period_s > 0 else 1.0
+    rgb = _base(found)
+    longest_s = max(float(seconds.max()), SHORT_S * 10)
+    colours = ScalarMappable(LogNorm(SHORT_S, longest_s), colormaps["YlOrRd"])
+    moving = (seconds > 0) & (found.walls != CellClass.STATIC)
+    rgb[moving] = colours.to_rgba(np.maximum(seconds[moving], SHORT_S))[:, :3]
+    rgb, shown = cropped(rgb, extent)
+    figure, axes = canvas(*shown.shape, has_bar=True)
+    show_map(axes, rgb, shown)
+    what = f"on the move, method {found.method}"
+    axes.set_title(" · ".join(part for part in (title, what) if part), fontsize=9, loc="left")
+    bar = figure.colorbar(colours, ax=axes, shrink=0.8, pad=0.015, aspect=30)
+    bar.set_label("seconds occupied by something on the move", fontsize=8)
+    bar.ax.tick_params(labelsize=8)
+    add_legend(figure, [(BLACK, "static"), (WHITE, "free"), UNEXPLORED])
+    return figure
+
+
+def draw_timeline(found: FoundObjects, *, title: str = "") -> Figure:
+    """When each place of each object was occupied, when free, and when nobody looked.
+
+    A row per place, the rows of one object beside each other in its colour: full where it was occupied, pale where
+    it was free, nothing where it was not seen.
+    """
+    rows = [(k, one.id, place) for k, one in enumerate(found.objects) for place in one.configurations]
+    start_ns = int(found.history.stamps_ns[found.history.first_scan])
+    stop_s = (int(found.history.stamps_ns[found.history.last_scan]) - start_ns) / NS_PER_S
+    figure = Figure(
+        figsize=(LONGEST_SIDE_INCHES, 1.2 + ROW_INCHES * max(len(rows), 3)), dpi=160, layout="constrained"
+    )
+    axes = figure.add_subplot()
+    for y, (k, _, place) in enumerate(rows):
+        for state, alpha in (("occupied", 1.0), ("free", 0.25)):
+            spans = [
+                ((start - start_ns) / NS_PER_S, (stop - start) / NS_PER_S)
+                for start, stop, at in place.periods
+                if at == state
+            ]
+            axes.broken_barh(spans, (y - 0.4, 0.8), facecolor=object_colour(k), alpha=alpha, linewidth=0)
+    labels = [
+        f"object {number}, place {place.id} ({place.centre_m[0]:.1f}, {place.centre_m[1]:.1f})"
+        for _, number, place in rows
+    ]
+    axes.set_yticks(range(len(rows)), labels, fontsize=7)
+    axes.set(xlabel="seconds since the start", xlim=(0, max(stop_s, 1e-3)), ylim=(max(len(rows), 1) - 0.5, -0.5))
+    axes.tick_params(axis="x", labelsize=8)
+    what = f"{counts(found)}: occupied (full), free (pale), not seen (empty)"
+    axes.set_title(" · ".join(part for part in (title, what) if part), fontsize=9, loc="left")
     return figure
 
 
@@ -130,11 +198,16 @@ def object_colour(k: int) -> Colour:
     return OBJECT_COLOURS[k % len(OBJECT_COLOURS)]
 
 
-def _cells(found: FoundObjects) -> Rgb:
+def _base(found: FoundObjects) -> Rgb:
     rgb = np.empty((*found.walls.shape, 3), dtype=np.float32)
     rgb[:] = as_rgb(WHITE)
     rgb[found.walls == CellClass.UNEXPLORED] = as_rgb(GREY)
     rgb[found.walls == CellClass.STATIC] = as_rgb(BLACK)
+    return rgb
+
+
+def _cells(found: FoundObjects) -> Rgb:
+    rgb = _base(found)
     coloured = [(place, LONE_COLOUR) for place in found.unassociated]
     coloured += [(place, object_colour(k)) for k, one in enumerate(found.objects) for place in one.configurations]
     for place, colour in coloured:

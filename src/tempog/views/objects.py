@@ -115,7 +115,7 @@ def draw_timeline(found: FoundObjects, *, title: str = "") -> Figure:
     start_ns = int(found.history.stamps_ns[found.history.first_scan])
     stop_s = (int(found.history.stamps_ns[found.history.last_scan]) - start_ns) / NS_PER_S
     figure = Figure(
-        figsize=(LONGEST_SIDE_INCHES, 1.2 + ROW_INCHES * max(len(rows), 3)), dpi=160, layout="constrained"
+        figsize=(LONGEST_SIDE_INCHES, 1.2 + ROW_INCHES * max(len(rows), 5)), dpi=160, layout="constrained"
     )
     axes = figure.add_subplot()
     for y, (k, _, place) in enumerate(rows):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,6 +23,7 @@ from tempog.errors import MapError
 from tempog.times import NS_PER_S
 
 if TYPE_CHECKING:
+    from tempog.analysis.find_objects import FoundObjects
     from tempog.grid.temporal_grid import TemporalGrid
     from tempog.simulation import Simulation
 
@@ -37,12 +39,16 @@ def demo(
     quiet: QuietFlag = False,
 ) -> None:
     """Map a simulated corridor, find its door again, and draw it. Needs no data."""
+    from tempog.analysis.find_objects import find_objects
     from tempog.pipeline import build_grid
     from tempog.simulation import corridor, simulate
     from tempog.store.map_directory import check_target, save_map
     from tempog.views.figures import draw_layer
+    from tempog.views.objects import draw_objects
 
-    pictures = {name: output / f"{name}.png" for name in ("door-open", "door-closed", "dynamics", "static")}
+    pictures = {
+        name: output / f"{name}.png" for name in ("door-open", "door-closed", "dynamics", "static", "objects")
+    }
     if output.exists() and not output.is_dir():
         raise MapError(f"{output} is a file; name a directory for the demo's map and pictures")
     output.mkdir(parents=True, exist_ok=True)
@@ -59,7 +65,10 @@ def demo(
     save_figure(draw_layer(grid, at=f"+{closed_s:.1f}", title="door closed"), pictures["door-closed"])
     save_figure(draw_layer(grid, "dynamics"), pictures["dynamics"])
     save_figure(draw_layer(grid, "static"), pictures["static"])
+    found = find_objects(grid)
+    save_figure(draw_objects(found), pictures["objects"])
     describe(simulation, grid, opened_s, closed_s)
+    describe_objects(found)
     typer.echo(f"Map: {map_path}")
     typer.echo(f"Pictures: {', '.join(str(picture) for picture in pictures.values())}")
 
@@ -104,3 +113,12 @@ def describe(simulation: Simulation, grid: TemporalGrid, opened_s: float, closed
     typer.echo("  seen  " + ", ".join(f"{name} +{(ns - grid.start_ns) / NS_PER_S:.0f} s" for name, ns in seen))
     true = [(name, t - grid.start_ns / NS_PER_S) for t, name in simulation.states(DOOR) if name != "moving"]
     typer.echo("  true  " + ", ".join(f"{name} +{t:.0f} s" for name, t in true))
+
+
+def describe_objects(found: FoundObjects) -> None:
+    """Print what was found to stand now here, now there."""
+    for one in found.objects:
+        centres = " and ".join(f"({x:.1f}, {y:.1f})" for x, y in (place.centre_m for place in one.configurations))
+        where = [period.configuration for period in one.timeline if period.configuration is not None]
+        moves = sum(before != after for before, after in pairwise(where))
+        typer.echo(f"Found without being told: one thing that stands at {centres} m in turn, moved {moves} times.")

@@ -163,7 +163,9 @@ def paint_objects(axes: Axes, found: FoundObjects) -> None:
 
 def counts(found: FoundObjects) -> str:
     """How much was found, for a title."""
-    return f"{len(found.objects)} objects, {len(found.unassociated)} other places, method {found.method}"
+    n_objects, n_others = len(found.objects), len(found.unassociated)
+    objects, others = "object" + "s" * (n_objects != 1), "other place" + "s" * (n_others != 1)
+    return f"{n_objects} {objects}, {n_others} {others}, method {found.method}"
 
 
 def label_offsets(axes: Axes, centres_m: Sequence[NDArray[np.float64]], extent: Extent) -> list[tuple[float, float]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,23 +15,37 @@ from tempog.analysis.evidence.grouping import group_cells
 from tempog.analysis.evidence.places import Place, find_places
 from tempog.analysis.evidence.states import CellStates, cell_states
 from tempog.analysis.objects import MovingObject, ObjectPeriod
-from tempog.analysis.series import ever_occupied
+from tempog.analysis.series import ever_occupied, look_ns
 from tempog.analysis.static import CellClass
 from tempog.grid.history import History
 from tempog.methods import EvidenceConfig
 from tempog.times import NS_PER_S
+
+LOOK_WORTH_S = 0.3  # s; scanners on robots look at least so often, mostly ten times a second
+OBSERVED_TIMES = ("worth_s", "least_stay_s", "long_seen_s", "short_seen_s", "once_seen_s", "wall_free_s")
 
 
 def find_by_evidence(
     history: History, settings: EvidenceConfig
 ) -> tuple[NDArray[np.int8], list[Configuration], list[MovingObject]]:
     """Static map, configurations and objects of a history; see `find_objects`."""
+    settings = for_looks_every(look_ns(history) / NS_PER_S, settings)
     states = cell_states(history, settings)
     places = find_places(states, group_cells(states, settings), settings)
     sets = associate_places(places, settings)
     configurations = [_configuration(k + 1, place, states) for k, place in enumerate(places)]
     walls = _classes(history, states, places, settings)
     return walls, configurations, _objects(sets, places, configurations)
+
+
+def for_looks_every(period_s: float, settings: EvidenceConfig) -> EvidenceConfig:
+    """Settings for a scanner, or a thinned log, that looks less often than `LOOK_WORTH_S`.
+
+    A look stands for the time until the next one. If that is seconds, few looks make a long time, and a stray one a
+    stay: what a time is taken to prove must then last longer.
+    """
+    longer = max(1.0, period_s / LOOK_WORTH_S)
+    return replace(settings, **{name: longer * getattr(settings, name) for name in OBSERVED_TIMES})
 
 
 def _configuration(number: int, place: Place, states: CellStates) -> Configuration:

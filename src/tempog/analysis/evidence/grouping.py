@@ -11,9 +11,8 @@ from tempog.analysis.evidence.kernels import joint_evidence
 from tempog.analysis.evidence.states import CellStates
 from tempog.methods import EvidenceConfig
 
-DISAGREEMENT = (
-    0.1  # share of stretches in which two cells of one thing may differ: they are not seen by the same beam
-)
+# Share of stretches in which two cells of one thing may differ: they are not seen by the same beam.
+DISAGREEMENT = 0.1
 
 
 def group_cells(states: CellStates, settings: EvidenceConfig) -> list[NDArray[np.int64]]:
@@ -91,44 +90,39 @@ def merge(
 ) -> NDArray[np.int64]:
     """Merge groups while the mean weight of the pairs across two of them exceeds `above`; returns labels (n,).
 
-    The two with the largest mean go first. Pairs are kept with the group that has more of them, so the whole takes
-    n_pairs log n_pairs steps.
+    The two with the largest mean go first. The pairs of the group that has fewer of them go over to the other, so
+    that none does so more than log n_pairs times.
 
     >>> merge(3, np.array([0, 1]), np.array([1, 2]), np.array([2.0, -1.0]), 0.0).tolist()
     [0, 0, 2]
     """
     across: list[dict[int, list[float]]] = [{} for _ in range(n)]
+    waiting = []
     for a, b, pair_weight in zip(left.tolist(), right.tolist(), weight.tolist(), strict=True):
         across[a][b] = across[b][a] = [pair_weight, 1.0]  # sum and count, shared by both sides
-    waiting = [
-        (-w, a, b, 0, 0) for a, b, w in zip(left.tolist(), right.tolist(), weight.tolist(), strict=True) if w > above
-    ]
+        if pair_weight > above:
+            waiting.append((-pair_weight, a, b, 1.0))
     heapq.heapify(waiting)
-    parent, version, alive = list(range(n)), [0] * n, [True] * n
+    parent = list(range(n))
     while waiting:
-        _, a, b, version_a, version_b = heapq.heappop(waiting)
-        if not (alive[a] and alive[b]) or (version[a], version[b]) != (version_a, version_b):
-            continue
+        _, a, b, n_pairs = heapq.heappop(waiting)
+        sums = across[a].get(b)
+        if sums is None or sums[1] != n_pairs:
+            continue  # one of them is gone, or there are more pairs across by now
         if len(across[a]) < len(across[b]):
             a, b = b, a
-        alive[b], parent[b] = False, a
-        version[a] += 1
-        del across[a][b]
+        parent[b] = a
+        del across[a][b], across[b][a]
         for c, sums in across[b].items():
-            if c == a:
-                continue
             del across[c][b]
-            known = across[a].get(c)
-            if known is None:
-                across[a][c] = across[c][a] = sums
-            else:
+            known = across[a].setdefault(c, sums)
+            across[c][a] = known
+            if known is not sums:
                 known[0] += sums[0]
                 known[1] += sums[1]
+            if known[0] / known[1] > above:
+                heapq.heappush(waiting, (-known[0] / known[1], a, c, known[1]))
         across[b] = {}
-        for c, (total, count) in across[a].items():
-            if total / count > above:
-                waiting_pair = (-total / count, a, c, version[a], version[c])
-                heapq.heappush(waiting, waiting_pair)
     smallest = list(range(n))
     for i in range(n):
         root = i

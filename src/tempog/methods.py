@@ -119,7 +119,7 @@ class EvidenceConfig:
         A stretch of one state that was observed for so long counts for 0.63 of a certain one.
     least_evidence : float
         What must speak for a cell's having been occupied, and for its having been free, before it can be part of
-        a place; one stretch of 0.7 s is 0.5.
+        a place; with a `worth_s` of 2 s one stretch of 1 s is 0.39, one of 1.4 s is 0.5.
     reach_m : float, metres
         Cells this close are compared: over the gaps between sparse hits, and from one face of a leaf to the other.
     alike_above : float
@@ -141,11 +141,14 @@ class EvidenceConfig:
         observed per stay.
     short_duty, short_seen_s : share and seconds
         The same for a place that was occupied twice or more, each time briefly.
+    short_leak, short_together
+        `leak` and `together` for such a place while it is occupied.
     together : float, 0..1
         Share of a place's cells that must be occupied while it is, and free while it is not.
     ring_m : float, metres
+        How far the ring around a place reaches.
     leak : float
-        Hits in the ring around an occupied place, per hit in it. A leaf's ring is empty; people fill theirs.
+        Most hits in the ring around an occupied place, per hit in it. A leaf's ring is empty; people fill theirs.
     echo_m : float, metres
     echo : float, 0..1
         Share of a place's cells that may have something standing so close by while the place is free; else it is a
@@ -169,13 +172,13 @@ class EvidenceConfig:
     within_m : float, metres
         Farther apart, places are not compared.
     max_conflict : float
-        Stretches in which two places of one thing may both be occupied.
+        Evidence for two places of one thing being occupied at once, at most.
     link_above, grow_above : float
         Log odds from which on places are of one thing, and may be part of a thing with more places.
     max_states : int
         Most places of one thing.
     static_share : float, 0..1
-        Cells occupied for a larger share of the time, and part of no place, are static.
+        Cells occupied for this share of the time or more, and part of no place, are static.
     near_m : float, metres
         What is this close to a static cell or a place is no high dynamic.
     """
@@ -226,9 +229,12 @@ class EvidenceConfig:
         for name in ("dwell_s", "worth_s", "reach_m", "within_m"):
             require(0 < getattr(self, name) < math.inf, name, getattr(self, name), "a number above 0")
         for name, value in vars(self).items():
-            if name not in ("alike_above", "link_above", "grow_above"):
+            if name in ("alike_above", "grow_above"):
+                require(math.isfinite(value), name, value, "a number")
+            else:
                 require(0 <= value < math.inf, name, value, "a number, 0 or more")
-        for name in ("seen_share", "long_duty", "short_duty", "together", "wall_duty", "static_share"):
+        shares = "seen_share", "long_duty", "short_duty", "together", "short_together", "wall_duty", "static_share"
+        for name in (*shares, "echo"):
             require(getattr(self, name) <= 1, name, getattr(self, name), "a share from 0 to 1")
         require(2 <= self.max_states <= 8, "max_states", self.max_states, "from 2 to 8")
 

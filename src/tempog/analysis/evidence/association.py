@@ -51,17 +51,21 @@ def associate_places(places: Sequence[Place], settings: EvidenceConfig) -> list[
             weight[i, j] = odds
             friends.setdefault(i, set()).add(j)
             friends.setdefault(j, set()).add(i)
-    found: list[PlaceSet] = []
     sets: dict[tuple[int, ...], float] = dict(weight.items())
-    for _ in range(2, settings.max_states + 1):
-        found += [PlaceSet(members, odds) for members, odds in sets.items() if odds > settings.link_above]
+    found = _above(settings.link_above, sets)
+    for _ in range(3, settings.max_states + 1):
         larger: dict[tuple[int, ...], float] = {}
         for members, odds in sorted(sets.items(), key=lambda one: -one[1])[:MAX_SETS]:
             for another in set.intersection(*(friends[i] for i in members)):
                 if another > members[-1]:
                     larger[*members, another] = odds + sum(weight[i, another] for i in members)
         sets = larger
+        found += _above(settings.link_above, sets)
     return [chosen for part in _neighbourhoods(found) for chosen in best_disjoint(part)]
+
+
+def _above(odds: float, sets: dict[tuple[int, ...], float]) -> list[PlaceSet]:
+    return [PlaceSet(*one) for one in sets.items() if one[1] > odds]
 
 
 def exclusion(course: Sequence[Period], other: Sequence[Period], worth_s: float) -> tuple[float, float]:
@@ -97,9 +101,9 @@ def joint_periods(
     """Evidence for the joint states of two places: [free or occupied, free or occupied].
 
     A place that was not seen for a while is taken to have kept its state if it has the same afterwards, but not
-    against what was seen of the other: not to have stayed occupied while the other was, or, without
-    `one_at_a_time`, while the other was not. Neighbouring stretches of one joint state are
-    one, whatever lies between; a stretch known for `worth_s` counts for 0.63.
+    against the other: for places of one thing, not to have stayed occupied while the other was; for parts of one
+    place, without `one_at_a_time`, not to have been in another state than the other. Neighbouring stretches of one
+    joint state are one, whatever lies between; a stretch known for `worth_s` counts for 0.63.
     """
     courses = (course, other)
     moments = sorted({moment for periods in courses for period in periods for moment in period[:2]})

@@ -122,7 +122,7 @@ def find_objects(
     ------
     ConfigError
         An unknown method, or settings of another one.
-    ScanError
+    TimeError
         An empty history.
 
     Examples

@@ -36,7 +36,8 @@ class MovingObject:
     configurations : tuple of Configuration
         Its places, by id.
     timeline : tuple of ObjectPeriod
-        Where it was, for the time all its places were seen.
+        Where it was, for the time all its places were seen. By the method ``evidence`` also while only some
+        were, if it was in one of these.
     common_s, none_s, both_s : float, seconds
         For how long all its places were seen; how long of it no place was occupied, and how long several.
     confidence : float, 0..1, optional

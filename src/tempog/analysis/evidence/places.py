@@ -290,7 +290,7 @@ def join_faces(states: CellStates, pieces: Sequence[Place], settings: EvidenceCo
 
 
 def _along(place: Place, other: Place, face_m: float) -> bool:
-    """Whether most cells of the smaller are within two faces' distance of the other, and one within one."""
+    """Whether half the cells of the smaller are within two faces' distance of the other, and one within one."""
     small, large = sorted((place.points_map, other.points_map), key=len)
     if np.any(small.min(axis=0) - large.max(axis=0) > face_m) or np.any(
         large.min(axis=0) - small.max(axis=0) > face_m

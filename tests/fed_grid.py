@@ -37,9 +37,9 @@ class FedSensor:
         return tiles.cell_number(row, col)
 
 
-def empty_grid(stream: Stream) -> TemporalGrid:
+def empty_grid(stream: Stream, resolution_m: float = GridConfig.resolution_m) -> TemporalGrid:
     """A grid that listens to `stream`, whatever the time between its scans."""
-    settings = GridConfig(gap_s=stream.gap_ns / 1e9, tolerance=stream.tolerance)
+    settings = GridConfig(resolution_m, gap_s=stream.gap_ns / 1e9, tolerance=stream.tolerance)
     grid = TemporalGrid(MapConfig(grid=settings))
     grid._sensor = FedSensor(stream)
     grid._gap_judged = True
@@ -51,9 +51,9 @@ def feed(grid: TemporalGrid, stamp_ns: int) -> None:
     grid.integrate(Scan(0.0, (0.0, 0.0, 0.0), [], [], stamp_ns=stamp_ns))
 
 
-def grid_of(stream: Stream) -> TemporalGrid:
+def grid_of(stream: Stream, resolution_m: float = GridConfig.resolution_m) -> TemporalGrid:
     """The whole stream, integrated."""
-    grid = empty_grid(stream)
+    grid = empty_grid(stream, resolution_m)
     for stamp_ns in stream.stamps_ns:
         feed(grid, stamp_ns)
     return grid

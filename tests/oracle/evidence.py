@@ -30,7 +30,7 @@ def worth_of_stretches(timed_states, worth_s):
 # States of a cell.
 
 
-def log_odds_of_course(series, course, look, for_hit, for_free, max_looks, dwell_s):
+def log_odds_of_course(series, course, look, for_hit, for_free, max_looks, errors_last_s, dwell_s):
     """How likely the readings are with the cell in the states `course`, and these as such; log, up to a constant.
 
     Series have True for a hit. A cell changes to and fro, each way once in 2 `dwell_s` in the mean.
@@ -38,7 +38,8 @@ def log_odds_of_course(series, course, look, for_hit, for_free, max_looks, dwell
     total = 0.0
     for (start, stop, hit), occupied in zip(series, course, strict=True):
         if occupied:
-            total += min((stop - start) / look, max_looks) * (for_hit if hit else for_free)
+            independent = max(max_looks, (stop - start) / SECOND / errors_last_s)
+            total += min((stop - start) / look, independent) * (for_hit if hit else for_free)
     for k in range(1, len(series)):
         seconds = (max(series[k][0] - series[k - 1][1], 0) + look) / SECOND
         p_changed = (1 - math.exp(-2 * seconds / dwell_s)) / 2
@@ -121,6 +122,15 @@ def hits_during(series, which, spells):
                 if hit:
                     total += max(0, min(stop, until) - max(start, since))
     return total / SECOND
+
+
+def seconds_during(series, spells):
+    """``[free, occupied]`` seconds of a series within spells."""
+    seconds = [0, 0]
+    for start, stop, state in series:
+        for since, until in spells:
+            seconds[state] += max(0, min(stop, until) - max(start, since))
+    return [both / SECOND for both in seconds]
 
 
 def course_of_group(several, seen_share):

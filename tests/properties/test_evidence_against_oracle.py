@@ -13,7 +13,7 @@ from oracle import evidence as oracle
 from tempog.analysis.configurations import Period
 from tempog.analysis.evidence import association, grouping, kernels, places
 from tempog.analysis.evidence.association import PlaceSet
-from tempog.analysis.evidence.states import FOR_FREE, FOR_HIT, MAX_LOOKS, CellStates
+from tempog.analysis.evidence.states import ERRORS_LAST_S, FOR_FREE, FOR_HIT, MAX_LOOKS, CellStates
 from tempog.analysis.series import SeriesSet
 from tempog.methods import EvidenceConfig
 
@@ -25,7 +25,7 @@ WORTH_S = st.sampled_from([0.5, 2.0])
 
 def all_series(max_size: int = 8, min_size: int = 0) -> st.SearchStrategy[list[tuple[int, int, bool]]]:
     """Periods in time order: some touch, some leave gaps."""
-    tenths = st.tuples(st.sampled_from([0, 0, 0, 1, 60]), st.sampled_from([1, 2, 5, 13, 40]), st.booleans())
+    tenths = st.tuples(st.sampled_from([0, 0, 0, 1, 60]), st.sampled_from([1, 2, 5, 13, 40, 200]), st.booleans())
 
     def laid_out(triples: list[tuple[int, int, bool]]) -> list[tuple[int, int, bool]]:
         t, found = 0, []
@@ -55,7 +55,7 @@ def test_smoothed_states_are_the_likeliest_of_all_courses(several, dwell_s):
     offsets, start, stop, hit = packed(several)
     value = np.where(hit, 0.9, 0.1).astype(np.float32)
     state = np.full(len(value), 9, dtype=np.uint8)
-    model = (FOR_HIT, FOR_FREE, MAX_LOOKS, dwell_s)
+    model = (FOR_HIT, FOR_FREE, MAX_LOOKS, ERRORS_LAST_S, dwell_s)
     kernels.smooth_states(offsets, start, stop, value, LOOK_NS, 0.5, *model, state)
     for i, series in enumerate(several):
         course = state[offsets[i] : offsets[i + 1]].tolist()
@@ -92,13 +92,18 @@ def test_the_joint_evidence_of_two_cells_is_that_of_the_oracle(several, worth_s)
 
 @given(st.lists(all_series(), min_size=1, max_size=4), all_series(max_size=4), st.data())
 @QUICK
-def test_hits_during_spells_are_those_of_the_oracle(several, spells, data):
+def test_hits_and_states_during_spells_are_those_of_the_oracle(several, spells, data):
     offsets, start, stop, hit = packed(several)
     which = data.draw(st.lists(st.sampled_from(range(len(several))), unique=True))
     since, until = (np.array([spell[k] for spell in spells], dtype=np.int64) for k in (0, 1))
     value = np.where(hit, 0.9, 0.1).astype(np.float32)
     got = kernels.occupied_during(offsets, start, stop, value, 0.5, np.array(which, dtype=np.int64), since, until)
-    assert got == pytest.approx(oracle.hits_during(several, which, [spell[:2] for spell in spells]), abs=1e-9)
+    spells = [spell[:2] for spell in spells]
+    assert got == pytest.approx(oracle.hits_during(several, which, spells), abs=1e-9)
+    seconds = np.zeros((len(which), 2))
+    kernels.seconds_during(offsets, start, stop, hit, np.array(which, dtype=np.int64), since, until, seconds)
+    wanted = [oracle.seconds_during(several[i], spells) for i in which]
+    np.testing.assert_allclose(seconds, np.reshape(wanted, (-1, 2)), atol=1e-9)
 
 
 @given(st.sets(st.tuples(st.integers(-4, 4), st.integers(-4, 4))), st.integers(1, 3))

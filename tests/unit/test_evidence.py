@@ -5,10 +5,312 @@ from __future__ import annotations
 import dataclasses
 import math
 
+import numpy as np
 import pytest
 
-from tempog.errors import ConfigError
+from fed_grid import grid_of
+from strategies import STREAM_START_NS, Stream
+from tempog.analysis.evidence.states import cell_states
+from tempog.analysis.find_objects import FoundObjects, find_objects
+from tempog.analysis.static import CellClass
+from tempog.errors import ConfigError, TimeError
 from tempog.methods import EvidenceConfig
+
+NS = 1_000_000_000
+PERIOD_S = 0.2
+Cells = list[tuple[int, int]]
+Course = list[tuple[float, Cells, Cells]]  # for so many seconds: what is occupied, and what is not seen
+
+
+def box(x_m: float, y_m: float, width_m: float, depth_m: float, resolution_m: float = 0.05) -> Cells:
+    """Cells of a rectangle; x_m and y_m are its lower left corner."""
+    row, col, n_rows, n_cols = (round(length / resolution_m) for length in (y_m, x_m, depth_m, width_m))
+    return [(row + up, col + right) for up in range(max(n_rows, 1)) for right in range(max(n_cols, 1))]
+
+
+# A leaf of 0.8 m on a hinge at the origin, thin as a laser sees it, beside a wall.
+WALL = box(-1.0, 0.0, 0.8, 0.05)
+CLOSED = box(0.05, 0.0, 0.8, 0.05)
+OPEN = box(0.0, 0.05, 0.05, 0.8)
+AJAR = [(-(k + 1) * 2 // 3 - 1, k + 2) for k in range(14)]  # the other way, by a third of a right angle
+LEAF = {"closed": CLOSED, "open": OPEN, "ajar": AJAR, "away": []}
+
+
+def told(course: Course, floor: Cells, resolution_m: float = 0.05) -> Stream:
+    """Everything that is ever occupied, and some floor, is seen all the time but for what is said not to be."""
+    every = sorted({cell for _, occupied, _ in course for cell in occupied} | set(floor))
+    stamps, statements = [], []
+    for seconds, occupied, unseen in course:
+        hits, hidden = set(occupied), set(unseen)
+        said = [(cell, 0.9 if cell in hits else 0.1) for cell in every if cell not in hidden]
+        for _ in range(round(seconds / PERIOD_S)):
+            stamps.append(STREAM_START_NS + round(len(stamps) * PERIOD_S * NS))
+            statements.append(said)
+    return Stream(stamps, statements, NS, 0.2)
+
+
+def found_in(course: Course, settings: EvidenceConfig | None = None, floor: Cells | None = None) -> FoundObjects:
+    return find_objects(grid_of(told(course, floor or [])), "evidence", settings)
+
+
+def door(*states: str, seconds: float = 20.0, also: Cells | None = None) -> Course:
+    return [(seconds, WALL + LEAF[state] + (also or []), []) for state in states]
+
+
+def cells_of(place) -> Cells:
+    return [tuple(cell) for cell in place.cells.tolist()]
+
+
+def cells_by_place(found: FoundObjects) -> list[Cells]:
+    return [cells_of(place) for place in found.configurations]
+
+
+def ids(found: FoundObjects) -> list[list[int]]:
+    return [[place.id for place in one.configurations] for one in found.objects]
+
+
+def seconds_of(timeline) -> list[tuple[float, float, int | None]]:
+    """Since the start, to a tenth."""
+    return [
+        (round((p.start_ns - STREAM_START_NS) / NS, 1), round((p.stop_ns - STREAM_START_NS) / NS, 1), p.configuration)
+        for p in timeline
+    ]
+
+
+def static_of(found: FoundObjects) -> Cells:
+    extent = found.history.extent
+    rows, cols = np.nonzero(found.walls == CellClass.STATIC)
+    return sorted(zip((rows + extent.row0).tolist(), (cols + extent.col0).tolist(), strict=True))
+
+
+def test_a_door_is_two_configurations_and_one_object() -> None:
+    found = found_in(door("closed", "open", "closed"))
+    assert cells_by_place(found) == [CLOSED, OPEN]
+    assert ids(found) == [[1, 2]]
+    (leaf,) = found.objects
+    assert seconds_of(leaf.timeline) == [(0, 20, 1), (20, 40, 2), (40, 60, 1)]
+    assert (leaf.common_s, leaf.none_s, leaf.both_s) == pytest.approx((60, 0, 0))
+    assert 0.9 < leaf.confidence < 1
+    assert static_of(found) == WALL
+
+
+def test_a_door_with_three_states_is_one_object_of_three() -> None:
+    found = found_in(door("closed", "open", "ajar", "closed", "ajar", "open"))
+    assert sorted(map(sorted, cells_by_place(found))) == sorted(map(sorted, (AJAR, CLOSED, OPEN)))
+    assert ids(found) == [[1, 2, 3]]
+    where = {place.id: cells_of(place) for place in found.configurations}
+    told_where = [sorted(where[period.configuration]) for period in found.objects[0].timeline]
+    assert told_where == [sorted(LEAF[state]) for state in ("closed", "open", "ajar", "closed", "ajar", "open")]
+
+
+def test_a_door_that_opens_while_it_is_watched_without_a_break_was_open() -> None:
+    stream = told(door("closed", "open", "closed"), [])
+    states = cell_states(grid_of(stream), EvidenceConfig())
+    leaf = [list(zip(states.rows, states.cols, strict=True)).index(cell) for cell in CLOSED]
+    offsets = states.series.offsets
+    assert {tuple(states.state[offsets[i] : offsets[i + 1]].tolist()) for i in leaf} == {(1, 0, 1)}
+
+
+def test_no_object_has_more_places_than_asked_for() -> None:
+    found = found_in(door("closed", "open", "ajar", "closed", "ajar", "open"), EvidenceConfig(max_states=2))
+    assert len(found.configurations) == 3
+    assert sorted(map(len, ids(found))) == [1, 2]
+
+
+def test_somebody_in_the_open_door_for_a_moment_changes_nothing() -> None:
+    course = [*door("closed", "open"), *door("open", seconds=3.0, also=CLOSED[4:12]), *door("open", "closed")]
+    found = found_in(course)
+    assert ids(found) == [[1, 2]]
+    assert found.objects[0].timeline[0].configuration == 1
+
+
+def passing(n_times: int) -> Course:
+    """Somebody walks along the row y = 2 m at 1 m/s, so many times."""
+    steps = [(PERIOD_S, WALL + box(0.2 * k, 2.0, 0.4, 0.1), []) for k in range(20)]
+    return [(10.0, WALL, []), *([*steps, (15.0, WALL, [])] * n_times)]
+
+
+def test_who_passes_leaves_no_place() -> None:
+    for n_times in (1, 3):
+        found = found_in(passing(n_times))
+        assert (found.configurations, found.objects) == ((), ())
+        assert static_of(found) == WALL
+
+
+CRATE = box(0.5, 1.0, 0.6, 0.05)  # the side of it
+
+
+def test_what_stands_once_for_8_s_is_no_place_and_for_a_minute_is_one() -> None:
+    for seconds, wanted in ((8.0, []), (60.0, [CRATE])):
+        course = [(15.0, WALL, []), (seconds, WALL + CRATE, []), (15.0, WALL, [])]
+        assert cells_by_place(found_in(course)) == wanted
+
+
+def test_a_box_put_down_for_a_minute_is_an_object_of_its_own() -> None:
+    found = found_in([(40.0, WALL, []), (60.0, WALL + CRATE, []), (40.0, WALL, [])])
+    assert ids(found) == [[1]]
+    (crate,) = found.objects
+    assert crate.confidence is None
+    assert seconds_of(crate.timeline) == [(0, 40, None), (40, 100, 1), (100, 140, None)]
+    assert found.unassociated == ()
+
+
+def arc(radius_m: float) -> Cells:
+    """The near side of somebody round, who stands at (1, 2)."""
+    angles = np.linspace(math.pi, 2 * math.pi, 60)
+    x, y = 1 + radius_m * np.cos(angles), 2 + radius_m * np.sin(angles)
+    return sorted({(math.floor(b / 0.05), math.floor(a / 0.05)) for a, b in zip(x, y, strict=True)})
+
+
+def test_somebody_round_who_stands_there_once_is_no_place_but_who_comes_back_is_one() -> None:
+    once = [(30.0, WALL, []), (30.0, WALL + arc(0.25), []), (30.0, WALL, [])]
+    assert cells_by_place(found_in(once)) == []
+    assert cells_by_place(found_in(once, EvidenceConfig(round_radius_m=0.1))) == [arc(0.25)]
+    assert cells_by_place(found_in(once * 2)) == [arc(0.25)]
+
+
+FACES = [box(0.0, 1.0, 0.8, 0.05), box(0.0, 1.1, 0.8, 0.05)]
+BOTH_FACES = sorted(FACES[0] + FACES[1])
+
+
+def passes() -> Course:
+    """A leaf from one side, from the other, again, and both places when it is gone."""
+    sides = [(10.0, WALL + FACES[0], FACES[1]), (10.0, WALL + FACES[1], FACES[0])]
+    return [*sides, *sides, (15.0, WALL, [])]
+
+
+def test_two_faces_of_a_leaf_that_are_seen_in_different_passes_are_one_place() -> None:
+    found = found_in(passes() * 2)
+    assert cells_by_place(found) == [BOTH_FACES]
+    # Not joined, each is hit right beside the other as if in a crowd.
+    assert cells_by_place(found_in(passes() * 2, EvidenceConfig(face_m=0.0))) == []
+
+
+def test_places_that_contradict_each_other_are_no_faces_of_one_thing_but_a_wall_seen_displaced() -> None:
+    course = [(20.0, WALL + FACES[0], []), (20.0, WALL + FACES[1], [])] * 3
+    assert cells_by_place(found_in(course)) == []
+    assert cells_by_place(found_in(course, EvidenceConfig(echo=1.0))) == FACES
+    far = [(row + 6, col) for row, col in FACES[0]]  # 0.3 m away, a thing of its own
+    course = [(20.0, WALL + FACES[0], []), (20.0, WALL + far, [])] * 3
+    assert cells_by_place(found_in(course)) == [FACES[0], far]
+
+
+def test_what_changed_once_must_have_been_seen_for_a_while_in_both_states() -> None:
+    for seconds, wanted in ((3.0, []), (30.0, [CRATE])):
+        course = [(60.0, WALL + CRATE, []), (seconds, WALL, [])]
+        assert cells_by_place(found_in(course, EvidenceConfig(wall_free_s=0.0, wall_duty=1.0))) == wanted
+
+
+def test_a_wall_with_stray_free_readings_is_static_and_no_place() -> None:
+    rng = np.random.default_rng(1)
+    statements = [[(cell, 0.1 if rng.random() < 0.15 else 0.9) for cell in WALL] for _ in range(300)]
+    stamps = [STREAM_START_NS + round(k * PERIOD_S * NS) for k in range(300)]
+    found = find_objects(grid_of(Stream(stamps, statements, NS, 0.2)))
+    assert found.configurations == ()
+    assert static_of(found) == WALL
+
+
+def test_a_door_that_is_closed_nine_tenths_of_the_time_is_no_wall() -> None:
+    course = [*door("closed", seconds=135), *door("open", seconds=15)] * 2
+    found = found_in(course)
+    assert CLOSED in cells_by_place(found)
+    assert static_of(found) == WALL
+
+
+def test_two_doors_that_move_in_step_are_told_apart_by_their_hinges() -> None:
+    def beside(cells: Cells) -> Cells:
+        return [(row, col + 40) for row, col in cells]
+
+    course = [(20.0, occupied + beside(occupied), []) for _, occupied, _ in door("closed", "open", "closed", "open")]
+    found = found_in(course)
+    assert cells_by_place(found) == [CLOSED, beside(CLOSED), OPEN, beside(OPEN)]
+    assert ids(found) == [[1, 3], [2, 4]]
+
+
+def test_times_without_a_look_stay_unknown() -> None:
+    everything = WALL + CLOSED + OPEN
+    unseen = [(20.0, [], everything)]
+    found = found_in([*door("closed"), *unseen, *door("open"), *unseen, *door("open", "closed")])
+    assert ids(found) == [[1, 2]]
+    (leaf,) = found.objects
+    assert seconds_of(leaf.timeline) == [(0, 20, 1), (40, 60, 2), (80, 100, 2), (100, 120, 1)]
+    assert leaf.common_s == pytest.approx(80)
+    periods = found.configurations[0].periods
+    assert [(p.start_ns - STREAM_START_NS) // NS for p in periods] == [0, 40, 80, 100]
+
+
+def test_where_one_place_is_seen_free_and_the_other_not_at_all_nothing_is_known() -> None:
+    course = [*door("closed", "open", "closed"), (20.0, WALL, OPEN), *door("open")]
+    (leaf,) = found_in(course).objects
+    assert seconds_of(leaf.timeline) == [(0, 20, 1), (20, 40, 2), (40, 60, 1), (80, 100, 2)]
+    assert leaf.common_s == pytest.approx(80)
+
+
+def test_a_window_knows_only_its_own_period() -> None:
+    grid = grid_of(told(door("closed", "open", "closed", "closed", "closed"), []))
+    found = find_objects(grid.window("+5", "+50"))
+    assert cells_by_place(found) == [CLOSED, OPEN]
+    assert seconds_of(found.objects[0].timeline) == [(5, 20, 1), (20, 40, 2), (40, 50.2, 1)]
+    later = find_objects(grid.window("+45", "+95"))
+    assert (later.configurations, later.objects) == ((), ())
+    assert static_of(later) == sorted(WALL + CLOSED)
+
+
+def test_an_empty_history_is_refused() -> None:
+    with pytest.raises(TimeError, match="no scans yet"):
+        find_objects(grid_of(Stream([], [], NS, 0.2)), "evidence")
+
+
+def test_one_scan_is_all_wall() -> None:
+    found = find_objects(grid_of(Stream([STREAM_START_NS], [[((0, 0), 0.9), ((0, 1), 0.1)]], NS, 0.2)))
+    assert (found.configurations, found.objects) == ((), ())
+    assert static_of(found) == [(0, 0)]
+    assert [int(value) for value in found.walls[0, :2]] == [CellClass.STATIC, CellClass.FREE]
+
+
+def test_scans_that_say_nothing_or_only_free_have_no_wall() -> None:
+    for said in ([], [((3, -4), 0.1)]):
+        found = find_objects(grid_of(Stream([STREAM_START_NS, STREAM_START_NS + NS // 5], [said, said], NS, 0.2)))
+        assert (found.configurations, found.objects, static_of(found)) == ((), (), [])
+
+
+def test_where_nothing_ever_changes_all_is_wall_or_free() -> None:
+    floor = box(3.0, 3.0, 0.2, 0.2)
+    found = found_in(door("closed", "closed"), floor=floor)
+    assert (found.configurations, found.objects) == ((), ())
+    assert static_of(found) == sorted(WALL + CLOSED)
+    assert np.count_nonzero(found.walls == CellClass.FREE) == len(floor)
+    assert np.count_nonzero(found.walls == CellClass.CHANGING) == 0
+
+
+def test_scans_of_one_moment_do_no_harm() -> None:
+    stream = told(door("closed", "open", "closed"), [])
+    stamps = [stream.stamps_ns[k - k % 2] for k in range(len(stream.stamps_ns))]
+    found = find_objects(grid_of(Stream(stamps, stream.statements, NS, 0.2)))
+    assert cells_by_place(found) == [CLOSED, OPEN]
+
+
+def test_cells_of_5_and_of_10_cm_give_the_same_answer() -> None:
+    answers = []
+    for resolution_m in (0.05, 0.1):
+        wall = box(-1.0, 0.0, 0.8, 0.1, resolution_m)
+        closed, opened = box(0.1, 0.0, 0.8, 0.1, resolution_m), box(0.0, 0.1, 0.1, 0.8, resolution_m)
+        crate = box(1.5, 1.0, 0.4, 0.4, resolution_m)
+        course = [
+            (30.0, wall + closed, []),
+            (30.0, wall + opened + crate, []),
+            (30.0, wall + closed + crate, []),
+            (30.0, wall + opened, []),
+        ]
+        found = find_objects(grid_of(told(course, [], resolution_m), resolution_m))
+        centres = [place.centre_m for place in found.configurations]
+        timelines = [seconds_of(one.timeline) for one in found.objects]
+        answers.append((np.round(centres, 9).tolist(), ids(found), timelines))
+        assert len(static_of(found)) == len(wall)
+    assert answers[0] == answers[1]
+    assert answers[0][0] == [[0.5, 0.05], [0.05, 0.5], [1.7, 1.2]]
+    assert answers[0][1] == [[1, 2], [3]]
+
 
 MAY_BE_NEGATIVE = ("alike_above", "grow_above")
 SETTINGS = [field.name for field in dataclasses.fields(EvidenceConfig)]

@@ -25,13 +25,15 @@ def smooth_states(
     for_hit: float,
     for_free: float,
     max_looks: float,
+    errors_last_s: float,
     dwell_s: float,
     state: NDArray[np.uint8],
 ) -> None:
     """The likeliest course of each cell's two-state hidden Markov model (Viterbi 1967), a state per interval.
 
     for_hit, for_free   log-likelihood ratio, occupied against free, of one look that hits or passes
-    max_looks           an interval counts for at most so many independent looks
+    max_looks           an interval counts for at most so many independent looks,
+    errors_last_s       or for one per so many seconds, if that is more
     dwell_s             mean time that a cell keeps a state
     state (n_periods,)  1 occupied, 0 free   [written]
     """
@@ -44,7 +46,8 @@ def smooth_states(
         first, end = offsets[i], offsets[i + 1]
         free, occupied = 0.0, 0.0
         for k in range(first, end):
-            looks = min((stop_ns[k] - start_ns[k]) / look_ns, max_looks)
+            lasted_ns = stop_ns[k] - start_ns[k]
+            looks = min(lasted_ns / look_ns, max(max_looks, lasted_ns * 1e-9 / errors_last_s))
             gain = looks * (for_hit if value[k] > occupied_above else for_free)
             if k == first:
                 free, occupied = 0.0, gain

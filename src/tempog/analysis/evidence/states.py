@@ -17,7 +17,8 @@ from tempog.methods import EvidenceConfig
 # drop-outs, grazing beams and poses that are a bit off take the rest; where nothing is, three looks of a hundred hit.
 FOR_HIT = math.log(0.80 / 0.03)
 FOR_FREE = math.log(0.20 / 0.97)
-MAX_LOOKS = 5.0  # looks of one interval repeat each other's errors: they count for at most so many
+MAX_LOOKS = 5.0  # looks of one interval repeat each other's errors: they count for at most so many,
+ERRORS_LAST_S = 2.0  # or for one in so many seconds: what is seen free for a minute without a break is free
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +80,7 @@ def cell_states(history: History, settings: EvidenceConfig) -> CellStates:
         FOR_HIT,
         FOR_FREE,
         MAX_LOOKS,
+        ERRORS_LAST_S,
         settings.dwell_s,
         state,
     )

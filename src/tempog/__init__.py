@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from tempog.analysis.objects import MovingObject, associate
     from tempog.analysis.occupancy import occupancy_grid
     from tempog.analysis.static import CellClass, static_map
+    from tempog.analysis.tracker import ObjectTracker, PlaceEvent
     from tempog.config import GridConfig, MapConfig, SensingConfig
     from tempog.errors import (
         ClockError,
@@ -48,6 +49,7 @@ _HOMES = {
     "tempog.analysis.objects": ["MovingObject", "associate"],
     "tempog.analysis.occupancy": ["occupancy_grid"],
     "tempog.analysis.static": ["CellClass", "static_map"],
+    "tempog.analysis.tracker": ["ObjectTracker", "PlaceEvent"],
     "tempog.config": ["GridConfig", "MapConfig", "SensingConfig"],
     "tempog.errors": [
         "ClockError",
@@ -88,7 +90,9 @@ __all__ = [
     "MapConfig",
     "MapError",
     "MovingObject",
+    "ObjectTracker",
     "PaperConfig",
+    "PlaceEvent",
     "SavedMap",
     "Scan",
     "ScanError",

@@ -51,6 +51,18 @@ def test_one_experiment_gives_pictures_scores_and_a_table(tempog, tmp_path: Path
     assert (tmp_path / "a" / "table.md").read_text() == out
 
 
+def test_the_doors_of_the_empty_hallway_are_found_and_nothing_else(tempog, tmp_path: Path) -> None:
+    code, _, _ = tempog("hallway", "--people", 0, "--seed", 7, "--method", "evidence", "-o", tmp_path, "--quiet")
+    assert code == 0
+    (run,) = json.loads((tmp_path / "scores.json").read_text())
+    scores = run["scores"]
+    assert scores["static"]["f1"] >= 0.97
+    assert scores["configurations"]["recall_twice"]["share"] >= 0.9
+    assert scores["configurations"]["precision"]["share"] >= 0.9
+    assert scores["links"]["n_wrong"] == 0
+    assert scores["links"]["precision"]["n"] >= 2  # of the five doors that were seen in two places
+
+
 def test_all_experiments_by_every_method_with_their_spread(tempog, tmp_path: Path) -> None:
     code, out, _ = tempog("all", "-o", tmp_path / "a", "--duration", 60, "--seeds", 2, "--resolution", 0.1, "--quiet")
     assert code == 0

@@ -140,8 +140,7 @@ def _at_scans(
     if not in_free_places:
         for configuration in configurations:
             explained[_numbers(history, configuration.cells)] = True
-    if near_m > 0:
-        explained = _widened(history, explained, near_m)
+    explained = near_cells(history, explained, near_m)
     at, moving = [np.empty(0, np.int64)], [np.empty(0, np.int32)]
     for runs in history.runs():
         cells = np.repeat(runs.cells, np.diff(runs.offsets))
@@ -203,11 +202,11 @@ def _in_taken_places(
     return taken
 
 
-def _widened(history: History, marked: NDArray[np.bool_], reach_m: float) -> NDArray[np.bool_]:
+def near_cells(history: History, marked: NDArray[np.bool_], reach_m: float) -> NDArray[np.bool_]:
     """Per cell number: whether the centre of a marked cell is within `reach_m`."""
     from scipy.ndimage import distance_transform_edt
 
-    if not marked.any():  # nothing to measure a distance to
+    if not marked.any() or reach_m == 0:  # nothing to measure a distance to, or none to measure
         return marked
     cells_away = distance_transform_edt(~history.tiles.to_dense(marked, False))
     return np.asarray(history.tiles.from_dense(cells_away <= reach_m / history.tiles.spec.resolution_m + 1e-9))

@@ -333,3 +333,38 @@ def test_settings_out_of_range_are_refused_by_their_name(name, value) -> None:
 def test_shares_above_1_and_too_many_states_are_refused_by_their_name(name) -> None:
     with pytest.raises(ConfigError, match=rf"^{name} = "):
         EvidenceConfig(**{name: 1.01 if name != "max_states" else 9})
+
+
+def behind_a_door(open_wall: Cells, *states: str) -> Course:
+    """A door whose open place, or what else is behind it, is seen only while it is open."""
+    behind = open_wall + OPEN
+    return [
+        (20.0, WALL + (CLOSED if state == "closed" else behind), behind if state == "closed" else [])
+        for state in states
+    ]
+
+
+def test_an_open_leaf_that_is_seen_only_while_the_door_is_open_is_a_hypothesis() -> None:
+    found = found_in(behind_a_door([], "closed", "open", "closed", "open", "closed"))
+    assert cells_by_place(found) == [CLOSED, OPEN]
+    assert [place.hypothesis for place in found.configurations] == [False, True]
+    assert ids(found) == [[1, 2]]
+    assert found.objects[0].confidence == 0.5
+    assert not set(OPEN) & set(static_of(found))
+    (one,) = found.document()["objects"]
+    assert [place["hypothesis"] for place in one["configurations"]] == [False, True]
+
+
+def test_a_wall_behind_a_door_goes_on_and_is_no_hypothesis() -> None:
+    wall = box(0.0, 0.85, 0.05, 1.6)  # from where the open leaf would end
+    found = found_in(behind_a_door(wall, "closed", "open", "closed", "open", "closed"))
+    assert cells_by_place(found) == [CLOSED]
+    assert set(wall) <= set(static_of(found))
+
+
+def test_what_is_seen_while_the_door_is_closed_is_no_open_leaf() -> None:
+    course = [
+        (seconds, occupied + OPEN, []) for seconds, occupied, _ in behind_a_door([], "closed", "open", "closed")
+    ]
+    found = found_in([(seconds, sorted(set(occupied)), []) for seconds, occupied, _ in course])
+    assert not any(place.hypothesis for place in found.configurations)

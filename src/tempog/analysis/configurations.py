@@ -49,12 +49,15 @@ class Configuration:
         x and y of the cells' centres.
     periods : tuple of Period
         What most of its cells said while enough of them were seen; gaps are times without.
+    hypothesis : bool
+        Whether the place is inferred, and was never seen to change.
     """
 
     id: int
     cells: NDArray[np.int32]
     points_map: NDArray[np.float64]
     periods: tuple[Period, ...]
+    hypothesis: bool = False
 
     @property
     def centre_m(self) -> tuple[float, float]:

@@ -57,7 +57,7 @@ def _configuration(place: Configuration) -> dict[str, Any]:
         "cells": _points(place.points_map),
         "periods": [[start / NS_PER_S, stop / NS_PER_S, state] for start, stop, state in place.periods],
         "confidence": None,
-        "hypothesis": False,
+        "hypothesis": place.hypothesis,
     }
 
 

@@ -138,5 +138,5 @@ def place_text(place: Configuration) -> str:
     changes = sum(later != earlier for earlier, later in pairwise(states))
     return (
         f"{place.id:>6} {x:>8.2f} {y:>8.2f} {len(place.cells):>6} {duration_text(seen_s['occupied']):>14}"
-        f" {duration_text(sum(seen_s.values())):>14}  {changes}"
+        f" {duration_text(sum(seen_s.values())):>14}  {changes}{'  hypothesis' if place.hypothesis else ''}"
     )

@@ -149,7 +149,8 @@ def paint_objects(axes: Axes, found: FoundObjects) -> None:
         centres = np.array([place.centre_m for place in one.configurations])
         # A line along the shortest way through them; an object of one place has its number alone.
         order = _chain(centres)
-        axes.plot(*centres[order].T, color=colour, linewidth=1.6, marker="o", markersize=3)
+        style = ":" if any(place.hypothesis for place in one.configurations) else "-"
+        axes.plot(*centres[order].T, color=colour, linewidth=1.6, linestyle=style, marker="o", markersize=3)
         axes.annotate(
             str(one.id),
             centres.mean(axis=0),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tempog.analysis.configurations import Configuration
 from tempog.analysis.evidence.association import PlaceSet, associate_places
 from tempog.analysis.evidence.grouping import group_cells
+from tempog.analysis.evidence.hidden import hidden_places
 from tempog.analysis.evidence.places import Place, find_places
 from tempog.analysis.evidence.states import CellStates, cell_states
 from tempog.analysis.objects import MovingObject, ObjectPeriod
@@ -21,6 +22,7 @@ from tempog.grid.history import History
 from tempog.methods import EvidenceConfig
 from tempog.times import NS_PER_S
 
+HYPOTHESIS_ODDS = 0.0  # log odds: as likely as not
 LOOK_WORTH_S = 0.3  # s; scanners on robots look at least so often, mostly ten times a second
 OBSERVED_TIMES = ("worth_s", "least_stay_s", "long_seen_s", "short_seen_s", "once_seen_s", "wall_free_s")
 
@@ -33,7 +35,11 @@ def find_by_evidence(
     states = cell_states(history, settings)
     places = find_places(states, group_cells(states, settings), settings)
     sets = associate_places(places, settings)
-    configurations = [_configuration(k + 1, place, states) for k, place in enumerate(places)]
+    several = {i for one in sets for i in one.members}
+    hidden = hidden_places(states, places, [k for k in range(len(places)) if k not in several], settings)
+    sets += [PlaceSet((one.of, len(places) + k), HYPOTHESIS_ODDS) for k, one in enumerate(hidden)]
+    n_seen, places = len(places), places + [one.place for one in hidden]
+    configurations = [_configuration(k + 1, place, states, k >= n_seen) for k, place in enumerate(places)]
     walls = _classes(history, states, places, settings)
     return walls, configurations, _objects(sets, places, configurations)
 
@@ -48,9 +54,9 @@ def for_looks_every(period_s: float, settings: EvidenceConfig) -> EvidenceConfig
     return replace(settings, **{name: longer * getattr(settings, name) for name in OBSERVED_TIMES})
 
 
-def _configuration(number: int, place: Place, states: CellStates) -> Configuration:
+def _configuration(number: int, place: Place, states: CellStates, hypothesis: bool) -> Configuration:
     cells = np.stack([states.rows[place.cells], states.cols[place.cells]], axis=-1).astype(np.int32)
-    return Configuration(number, cells, place.points_map, place.periods)
+    return Configuration(number, cells, place.points_map, place.periods, hypothesis)
 
 
 def _classes(history: History, states: CellStates, places: list[Place], settings: EvidenceConfig) -> NDArray[np.int8]:

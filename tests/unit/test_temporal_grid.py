@@ -498,3 +498,12 @@ def test_a_history_is_a_sequence_of_intervals():
 def test_what_is_no_scans_or_no_settings_is_told(wrong):
     with pytest.raises((ScanError, ConfigError), match="wanted"):
         build_grid(wrong) if isinstance(wrong, str) else TemporalGrid(wrong)
+
+
+def test_a_period_that_begins_after_the_last_scan_says_where_the_scans_are() -> None:
+    grid = TemporalGrid()
+    for k in range(20):
+        grid.integrate(Scan(0.1 * k, (0.0, 0.0, 0.0), [0.0], [2.0]))
+    for period in (("+100", None), (None, "-5"), ("+50", "+60")):
+        with pytest.raises(EmptyWindowError, match=r"the scans run from \+0\.0 s to \+1\.9 s"):
+            grid.window(*period)

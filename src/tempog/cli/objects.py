@@ -71,6 +71,9 @@ def objects(
         found = find_objects(history, method, settings)
         measured = found.high_dynamics() if moving else []
         document = found.document(measured)
+    if file is not None:  # before anything is printed: whoever reads that may stop listening
+        with whole_file(file) as unfinished:
+            unfinished.write_text(json.dumps(document, allow_nan=False) + "\n", encoding="utf-8")
 
     typer.echo(
         f"{len(found.objects)} objects, {len(found.unassociated)} configurations in none,"
@@ -94,8 +97,6 @@ def objects(
             f" {history.format_moment(measured[-1].stamp_ns)}"
         )
     if file is not None:
-        with whole_file(file) as unfinished:
-            unfinished.write_text(json.dumps(document, allow_nan=False) + "\n", encoding="utf-8")
         typer.echo(f"Written: {file}")
 
 

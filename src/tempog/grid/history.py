@@ -242,7 +242,7 @@ class History(ABC):
         self.require_scans()
         start = self.parse_moment(t0) if t0 is not None else int(stamps[self.first_scan])
         stop = self.parse_moment(t1) if t1 is not None else int(stamps[self.last_scan])
-        if start > stop:
+        if start > stop and t0 is not None and t1 is not None:
             raise MomentError(
                 f"the period from {self.format_moment(start)} to {self.format_moment(stop)} ends before it begins;"
                 " exchange the two"

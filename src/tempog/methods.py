@@ -109,7 +109,7 @@ class PaperConfig:
 class EvidenceConfig:
     """How places and objects are found from evidence per state (method ``evidence``).
 
-    Chosen on eleven simulated drives through five kinds of world, with 0 to 60 people; see docs/objects.md.
+    Chosen on twelve simulated drives through five kinds of world, with 0 to 60 people; see docs/objects.md.
 
     Parameters
     ----------

@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tempog.analysis.evidence.kernels import seconds_during
 from tempog.analysis.evidence.places import Place, measure
 from tempog.analysis.evidence.states import CellStates
 from tempog.methods import EvidenceConfig
@@ -57,20 +56,16 @@ def _depth_m(place: Place) -> float:
 def _behind(states: CellStates, place: Place, settings: EvidenceConfig) -> NDArray[np.int64]:
     """Cells around a place that were never seen free, and seen only while the place was."""
     reach = math.ceil(1.6 * place.size_m / states.resolution_m)
-    rows, cols = states.rows[place.cells], states.cols[place.cells]
-    row0, col0 = int(rows.min()) - reach, int(cols.min()) - reach
-    around = states.within(row0, col0, (int(rows.max()) - row0 + reach + 1, int(cols.max()) - col0 + reach + 1))
+    around = states.around(place.cells, reach)
     evidence = states.evidence[around]
     around = around[(evidence[:, 0] < settings.least_evidence) & (evidence[:, 1] >= settings.least_evidence)]
-    seconds = np.zeros((2, len(around), 2))
-    series = states.series
-    for k, state in enumerate(("free", "occupied")):
-        spells = [period[:2] for period in place.periods if period.state == state]
-        since, until = np.array(spells, dtype=np.int64).reshape(-1, 2).T.copy()
-        periods = (series.offsets, series.start_ns, series.stop_ns, states.state)
-        seconds_during(*periods, around, since, until, seconds[k])
-    while_free, while_taken = seconds[0, :, 1], seconds[1].sum(axis=1)
-    kept = (while_free >= settings.least_stay_s) & (while_taken <= SEEN_WHILE_CLOSED * while_free)
+    while_free, while_taken = (
+        states.seconds_during(around, [period[:2] for period in place.periods if period.state == state])
+        for state in ("free", "occupied")
+    )
+    kept = (while_free[:, 1] >= settings.least_stay_s) & (
+        while_taken.sum(axis=1) <= SEEN_WHILE_CLOSED * while_free[:, 1]
+    )
     return np.asarray(around[kept])
 
 

@@ -132,36 +132,6 @@ def joint_evidence(
 
 
 @kernel
-def occupied_during(
-    offsets: NDArray[np.int64],
-    start_ns: NDArray[np.int64],
-    stop_ns: NDArray[np.int64],
-    value: NDArray[np.float32],
-    occupied_above: float,
-    which: NDArray[np.int64],
-    since_ns: NDArray[np.int64],
-    until_ns: NDArray[np.int64],
-) -> float:
-    """Seconds for which some series were hit within some spells, added up over series and spells.
-
-    which (n,) series; since_ns, until_ns (n_spells,) in time order, without overlap
-    """
-    total = 0.0
-    for i in which:
-        spell = 0
-        k = offsets[i]
-        while k < offsets[i + 1] and spell < since_ns.shape[0]:
-            common = min(stop_ns[k], until_ns[spell]) - max(start_ns[k], since_ns[spell])
-            if common > 0 and value[k] > occupied_above:
-                total += common * 1e-9
-            if stop_ns[k] <= until_ns[spell]:
-                k += 1
-            else:
-                spell += 1
-    return total
-
-
-@kernel
 def seconds_during(
     offsets: NDArray[np.int64],
     start_ns: NDArray[np.int64],

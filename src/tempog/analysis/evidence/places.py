@@ -13,9 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tempog.analysis.configurations import Period
-from tempog.analysis.evidence.kernels import occupied_during, seconds_during
 from tempog.analysis.evidence.states import CellStates
-from tempog.grid.history import OCCUPIED_ABOVE
 from tempog.methods import EvidenceConfig
 from tempog.times import NS_PER_S
 
@@ -212,23 +210,13 @@ def leak(states: CellStates, place: Place, settings: EvidenceConfig) -> float:
     Cells that were never free, walls beside the place, are not counted.
     """
     reach = max(1, round(settings.ring_m / states.resolution_m))
-    rows, cols = states.rows[place.cells], states.cols[place.cells]
-    row0, col0 = int(rows.min()) - reach, int(cols.min()) - reach
-    shape = (int(rows.max()) - row0 + reach + 1, int(cols.max()) - col0 + reach + 1)
-    near = np.zeros(shape, dtype=np.bool_)
-    for row, col in zip((rows - row0).tolist(), (cols - col0).tolist(), strict=True):
-        near[row - reach : row + reach + 1, col - reach : col + reach + 1] = True
-    near[rows - row0, cols - col0] = False
-    around = states.within(row0, col0, shape)
-    ring = around[near[states.rows[around] - row0, states.cols[around] - col0]]
-    ring = ring[states.evidence[ring, 0] >= settings.least_evidence]
-    since, until = (np.array([stay[k] for stay in place.occupied], dtype=np.int64) for k in (1, 2))
-    series = states.series
+    around = states.around(place.cells, reach)
+    up, right = (abs(of[around][:, None] - of[place.cells]) for of in (states.rows, states.cols))
+    apart = np.maximum(up, right).min(axis=1)
+    ring = around[(apart > 0) & (apart <= reach) & (states.evidence[around, 0] >= settings.least_evidence)]
+    spells = [(stay.start_ns, stay.stop_ns) for stay in place.occupied]
     in_ring, inside = (
-        occupied_during(
-            series.offsets, series.start_ns, series.stop_ns, series.value, OCCUPIED_ABOVE, which, since, until
-        )
-        for which in (ring, place.cells)
+        float(states.seconds_during(which, spells, smoothed=False)[:, 1].sum()) for which in (ring, place.cells)
     )
     return in_ring / max(inside, 1e-9)
 
@@ -240,14 +228,8 @@ def echo(states: CellStates, place: Place, settings: EvidenceConfig) -> float:
     decimetre beside where another did is still there, right beside its other self.
     """
     reach = max(1, round(settings.echo_m / states.resolution_m))
-    rows, cols = states.rows[place.cells], states.cols[place.cells]
-    row0, col0 = int(rows.min()) - reach, int(cols.min()) - reach
-    around = states.within(row0, col0, (int(rows.max()) - row0 + reach + 1, int(cols.max()) - col0 + reach + 1))
-    around = np.setdiff1d(around, place.cells, assume_unique=True)
-    since, until = (np.array([stay[k] for stay in place.free], dtype=np.int64) for k in (1, 2))
-    seconds = np.zeros((len(around), 2))
-    series = states.series
-    seconds_during(series.offsets, series.start_ns, series.stop_ns, states.state, around, since, until, seconds)
+    around = np.setdiff1d(states.around(place.cells, reach), place.cells, assume_unique=True)
+    seconds = states.seconds_during(around, [(stay.start_ns, stay.stop_ns) for stay in place.free])
     standing = around[(seconds[:, 1] >= settings.least_stay_s) & (seconds[:, 1] > seconds[:, 0])]
     if not len(standing):
         return 0.0

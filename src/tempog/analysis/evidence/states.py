@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tempog.analysis.evidence.kernels import smooth_states, state_evidence
+from tempog.analysis.evidence.kernels import seconds_during, smooth_states, state_evidence
 from tempog.analysis.series import SeriesSet, ever_occupied, look_ns, time_series
 from tempog.grid.history import OCCUPIED_ABOVE, History
 from tempog.methods import EvidenceConfig
@@ -53,11 +55,32 @@ class CellStates:
         """(n,) share of the time seen in which the cell was occupied."""
         return np.asarray(self.seconds[:, 1] / self.seconds.sum(axis=1))
 
-    def within(self, row0: int, col0: int, shape: tuple[int, int]) -> NDArray[np.int64]:
-        """Which of the cells lie in a rectangle of the lattice."""
-        first, end = np.searchsorted(self.rows, [row0, row0 + shape[0]])
+    @cached_property
+    def _measured(self) -> NDArray[np.uint8]:
+        """As `state`, not smoothed."""
+        return (self.series.value > OCCUPIED_ABOVE).astype(np.uint8)
+
+    def around(self, cells: NDArray[np.int64], reach: int) -> NDArray[np.int64]:
+        """Which of the cells lie in the rectangle around some of them, or up to `reach` cells beside it."""
+        row_min, row_max = int(self.rows[cells].min()) - reach, int(self.rows[cells].max()) + reach
+        col_min, col_max = int(self.cols[cells].min()) - reach, int(self.cols[cells].max()) + reach
+        first, end = np.searchsorted(self.rows, [row_min, row_max + 1])
         cols = self.cols[first:end]
-        return np.asarray(first + np.flatnonzero((cols >= col0) & (cols < col0 + shape[1])))
+        return np.asarray(first + np.flatnonzero((cols >= col_min) & (cols <= col_max)))
+
+    def seconds_during(
+        self, which: NDArray[np.int64], spells: Sequence[tuple[int, int]], smoothed: bool = True
+    ) -> NDArray[np.float64]:
+        """For how long some cells were free, and occupied, within spells of (since, until) ns; (n, 2).
+
+        By their smoothed states, or by what was measured.
+        """
+        since, until = np.array(spells, dtype=np.int64).reshape(-1, 2).T.copy()
+        series = self.series
+        state = self.state if smoothed else self._measured
+        seconds = np.zeros((len(which), 2))
+        seconds_during(series.offsets, series.start_ns, series.stop_ns, state, which, since, until, seconds)
+        return seconds
 
     def points_map(self, which: NDArray[np.int64]) -> NDArray[np.float64]:
         """Centres of some of the cells, (n, 2) metres."""

@@ -94,3 +94,23 @@ def add_logodds(
             total += n * np.log(value[k] / (1.0 - value[k]))
             total = min(max(total, lowest), highest)
         logodds[c] = total
+
+
+@kernel
+def mark_above(
+    cells: NDArray[np.int32],
+    offsets: NDArray[np.int64],
+    first: NDArray[np.int32],
+    last: NDArray[np.int32],
+    value: NDArray[np.float32],
+    since: int,
+    until: int,
+    above: float,
+    found: NDArray[np.bool_],
+) -> None:
+    """Mark cells whose value was above `above` in an interval that the scans since..until saw."""
+    for i in range(cells.shape[0]):
+        for k in range(offsets[i], offsets[i + 1]):
+            if value[k] > above and first[k] <= until and last[k] >= since:
+                found[cells[i]] = True
+                break

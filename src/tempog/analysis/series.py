@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tempog.analysis.dynamics import FALLBACK_LOOK_S
-from tempog.analysis.series_kernels import pair_distances
+from tempog.analysis.kernels import mark_above
+from tempog.analysis.series_kernels import append_periods, count_periods, pair_distances
 from tempog.errors import ConfigError
 from tempog.grid.history import OCCUPIED_ABOVE, History
+from tempog.grid.segments import Runs
 from tempog.methods import PaperConfig
 from tempog.times import NS_PER_S
 
@@ -71,27 +73,55 @@ def time_series(history: History, cells: NDArray[np.int32]) -> SeriesSet:
     cells : (n,) int32
         Cell numbers of `history.tiles`, each once.
     """
-    place = np.full(history.tiles.n_cells, -1, dtype=np.int64)
-    place[cells] = np.arange(len(cells))
-    owners, values = [np.empty(0, np.int64)], [np.empty(0, np.float32)]
-    firsts, lasts = [np.empty(0, np.int32)], [np.empty(0, np.int32)]
-    for runs in history.runs():
-        owner = np.repeat(place[runs.cells], np.diff(runs.offsets))
-        kept = (owner >= 0) & (runs.first <= history.last_scan) & (runs.last >= history.first_scan)
-        owners.append(owner[kept])
-        firsts.append(runs.first[kept])
-        lasts.append(runs.last[kept])
-        values.append(runs.value[kept])
-    owner = np.concatenate(owners)
-    order = np.argsort(owner, kind="stable")  # later sets hold later intervals
-    owner = owner[order]
-    offsets = np.searchsorted(owner, np.arange(len(cells) + 1)).astype(np.int64)
-    stamps = history.stamps_ns
-    start_ns = stamps[np.maximum(np.concatenate(firsts)[order], history.first_scan)]
-    stop_ns = stamps[np.minimum(np.concatenate(lasts)[order], history.last_scan)] + look_ns(history)
-    goes_on = owner[1:] == owner[:-1]
-    stop_ns[:-1][goes_on] = np.minimum(stop_ns[:-1], start_ns[1:])[goes_on]
-    return SeriesSet(np.asarray(cells, dtype=np.int32), offsets, start_ns, stop_ns, np.concatenate(values)[order])
+    return Intervals.of(history).series(cells)
+
+
+@dataclass(frozen=True, eq=False)
+class Intervals:
+    """The intervals of a history as they are now, from which series of any cells can be taken, by threads too.
+
+    Attributes
+    ----------
+    sets : list of Runs
+        From oldest to newest.
+    stamps_ns : (n_scans,) int64
+    first_scan, last_scan : int
+        The period.
+    look_ns : int
+        What a look stands for.
+    """
+
+    sets: list[Runs]
+    stamps_ns: NDArray[np.int64]
+    first_scan: int
+    last_scan: int
+    look_ns: int
+
+    @classmethod
+    def of(cls, history: History) -> Intervals:
+        """Those of the history's period."""
+        return cls(list(history.runs()), history.stamps_ns, history.first_scan, history.last_scan, look_ns(history))
+
+    def series(self, cells: NDArray[np.int32]) -> SeriesSet:
+        """See `time_series`."""
+        cells = np.asarray(cells, dtype=np.int32)
+        period = (self.first_scan, self.last_scan)
+        found = []
+        for runs in self.sets:
+            at = np.searchsorted(runs.cells, cells)
+            at[at == len(runs.cells)] = 0
+            found.append(np.where(runs.cells[at] == cells, at, -1) if len(runs.cells) else np.full_like(at, -1))
+        n_periods = np.zeros(len(cells), dtype=np.int64)
+        for runs, at in zip(self.sets, found, strict=True):
+            count_periods(at, runs.offsets, runs.first, runs.last, *period, n_periods)
+        offsets = np.append(0, np.cumsum(n_periods)).astype(np.int64)
+        start_ns, stop_ns = np.empty((2, offsets[-1]), dtype=np.int64)
+        value = np.empty(offsets[-1], dtype=np.float32)
+        begin, next_place = offsets[:-1], offsets[:-1].copy()
+        for runs, at in zip(self.sets, found, strict=True):
+            stamps = (self.stamps_ns, self.look_ns)
+            append_periods(at, *runs[1:], *period, *stamps, begin, next_place, start_ns, stop_ns, value)
+        return SeriesSet(cells, offsets, start_ns, stop_ns, value)
 
 
 def look_ns(history: History) -> int:
@@ -104,8 +134,7 @@ def ever_occupied(history: History, above: float = OCCUPIED_ABOVE) -> NDArray[np
     """Per cell number, whether the cell's P(occupied) was above `above` at some time of the period."""
     found = np.zeros(history.tiles.n_cells, dtype=np.bool_)
     for runs in history.runs():
-        hit = (runs.value > above) & (runs.first <= history.last_scan) & (runs.last >= history.first_scan)
-        found[np.repeat(runs.cells, np.diff(runs.offsets))[hit]] = True
+        mark_above(*runs, history.first_scan, history.last_scan, above, found)
     return found
 
 

@@ -99,3 +99,62 @@ def intersect(
         else:
             j += 1
     return n
+
+
+@kernel
+def count_periods(
+    at: NDArray[np.int64],
+    offsets: NDArray[np.int64],
+    first: NDArray[np.int32],
+    last: NDArray[np.int32],
+    since: int,
+    until: int,
+    n_periods: NDArray[np.int64],
+) -> None:
+    """Add how many intervals of each chosen cell were seen by the scans since..until.
+
+    at (n,)          which of one set's cells each chosen cell is, or -1
+    n_periods (n,)   [updated]
+    """
+    for i in range(at.shape[0]):
+        if at[i] >= 0:
+            for k in range(offsets[at[i]], offsets[at[i] + 1]):
+                n_periods[i] += first[k] <= until and last[k] >= since
+
+
+@kernel
+def append_periods(
+    at: NDArray[np.int64],
+    offsets: NDArray[np.int64],
+    first: NDArray[np.int32],
+    last: NDArray[np.int32],
+    value: NDArray[np.float32],
+    since: int,
+    until: int,
+    stamps_ns: NDArray[np.int64],
+    look_ns: int,
+    begin: NDArray[np.int64],
+    next_place: NDArray[np.int64],
+    start_ns: NDArray[np.int64],
+    stop_ns: NDArray[np.int64],
+    out_value: NDArray[np.float32],
+) -> None:
+    """Write the intervals that `count_periods` counted as periods, clipped to the scans since..until.
+
+    A period lasts until `look_ns` after the last look, or until the cell's next one begins.
+    begin, next_place (n,) where each cell's periods begin; where its next one goes   [next_place updated]
+    start_ns, stop_ns, out_value (n_periods,)   [written]
+    """
+    for i in range(at.shape[0]):
+        if at[i] < 0:
+            continue
+        place = next_place[i]
+        for k in range(offsets[at[i]], offsets[at[i] + 1]):
+            if first[k] <= until and last[k] >= since:
+                start_ns[place] = stamps_ns[max(first[k], since)]
+                stop_ns[place] = stamps_ns[min(last[k], until)] + look_ns
+                out_value[place] = value[k]
+                if place > begin[i]:
+                    stop_ns[place - 1] = min(stop_ns[place - 1], start_ns[place])
+                place += 1
+        next_place[i] = place

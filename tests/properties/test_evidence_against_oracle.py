@@ -171,6 +171,14 @@ def test_groups_are_merged_as_when_all_means_are_computed_anew_each_time(graph, 
     assert merged(*graph, above) == oracle.merge(*graph, above)
 
 
+def test_groups_that_take_over_so_many_pairs_that_their_table_is_laid_anew_are_merged_alike():
+    # Like a tournament of 64, each with four pairs of its own that go over to the winner time and again.
+    cup = {(i, i + step): 10.0 - step / 64 for step in (1, 2, 4, 8, 16, 32) for i in range(0, 64, 2 * step)}
+    own = {(i // 4, 64 + i): -1 - i / 1000 for i in range(256)}
+    groups = merged(320, cup | own, 0.0)
+    assert groups == {frozenset(range(64)), *(frozenset({64 + i}) for i in range(256))}
+
+
 @given(weighted_pairs(), st.data())
 @QUICK
 def test_the_order_of_pairs_and_of_their_ends_does_not_matter(graph, data):

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import heapq
-
 import numpy as np
 from numpy.typing import NDArray
 
 from tempog.analysis.evidence.kernels import joint_evidence
+from tempog.analysis.evidence.merge_kernel import merge_groups
 from tempog.analysis.evidence.states import CellStates
 from tempog.methods import EvidenceConfig
 
@@ -96,38 +95,6 @@ def merge(
     >>> merge(3, np.array([0, 1]), np.array([1, 2]), np.array([2.0, -1.0]), 0.0).tolist()
     [0, 0, 2]
     """
-    across: list[dict[int, list[float]]] = [{} for _ in range(n)]
-    waiting = []
-    for a, b, pair_weight in zip(left.tolist(), right.tolist(), weight.tolist(), strict=True):
-        across[a][b] = across[b][a] = [pair_weight, 1.0]  # sum and count, shared by both sides
-        if pair_weight > above:
-            waiting.append((-pair_weight, a, b, 1.0))
-    heapq.heapify(waiting)
-    parent = list(range(n))
-    while waiting:
-        _, a, b, n_pairs = heapq.heappop(waiting)
-        sums = across[a].get(b)
-        if sums is None or sums[1] != n_pairs:
-            continue  # one of them is gone, or there are more pairs across by now
-        if len(across[a]) < len(across[b]):
-            a, b = b, a
-        parent[b] = a
-        del across[a][b], across[b][a]
-        for c, sums in across[b].items():
-            del across[c][b]
-            known = across[a].setdefault(c, sums)
-            across[c][a] = known
-            if known is not sums:
-                known[0] += sums[0]
-                known[1] += sums[1]
-            if known[0] / known[1] > above:
-                heapq.heappush(waiting, (-known[0] / known[1], a, c, known[1]))
-        across[b] = {}
-    smallest = list(range(n))
-    for i in range(n):
-        root = i
-        while parent[root] != root:
-            root = parent[root]
-        parent[i] = root
-        smallest[root] = min(smallest[root], i)
-    return np.array([smallest[root] for root in parent], dtype=np.int64)
+    label = np.empty(n, dtype=np.int64)
+    merge_groups(left, right, weight, above, label)
+    return label

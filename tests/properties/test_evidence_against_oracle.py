@@ -13,8 +13,8 @@ from oracle import evidence as oracle
 from tempog.analysis.configurations import Period
 from tempog.analysis.evidence import association, grouping, kernels, places
 from tempog.analysis.evidence.association import PlaceSet
-from tempog.analysis.evidence.states import ERRORS_LAST_S, FOR_FREE, FOR_HIT, MAX_LOOKS, CellStates
-from tempog.analysis.series import SeriesSet
+from tempog.analysis.evidence.courses import ERRORS_LAST_S, FOR_FREE, FOR_HIT, MAX_LOOKS, Courses, HeldCourses
+from tempog.analysis.evidence.states import Alike, CellStates
 from tempog.methods import EvidenceConfig
 
 QUICK = settings(max_examples=60, deadline=None, derandomize=True)
@@ -137,10 +137,11 @@ def cell_states_of(several) -> CellStates:
     """Cells in a row, with states as given."""
     offsets, start, stop, state = packed(several)
     n = len(several)
-    series = SeriesSet(
-        np.arange(n, dtype=np.int32), offsets, start, stop, np.where(state, 0.9, 0.1).astype(np.float32)
-    )
-    return CellStates(np.zeros(n, np.int64), np.arange(n), 0.05, series, state, np.ones((n, 2)), np.ones((n, 2)))
+    row, whole = np.zeros(n, np.int64), np.ones((n, 2))
+    nothing = Alike(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0))
+    courses = HeldCourses(Courses(offsets, start, stop, state, state))
+    numbers = np.arange(n, dtype=np.int32)
+    return CellStates(row, np.arange(n), 0.05, numbers, whole, whole, row, nothing, courses, np.zeros(n, np.uint64))
 
 
 # Merging.

@@ -10,7 +10,7 @@ import pytest
 
 from fed_grid import grid_of
 from strategies import STREAM_START_NS, Stream
-from tempog.analysis.evidence.states import cell_states
+from tempog.analysis.evidence.blocks import cell_states
 from tempog.analysis.find_objects import FoundObjects, find_objects
 from tempog.analysis.static import CellClass
 from tempog.errors import ConfigError, TimeError
@@ -106,9 +106,9 @@ def test_a_door_with_three_states_is_one_object_of_three() -> None:
 def test_a_door_that_opens_while_it_is_watched_without_a_break_was_open() -> None:
     stream = told(door("closed", "open", "closed"), [])
     states = cell_states(grid_of(stream), EvidenceConfig())
-    leaf = [list(zip(states.rows, states.cols, strict=True)).index(cell) for cell in CLOSED]
-    offsets = states.series.offsets
-    assert {tuple(states.state[offsets[i] : offsets[i + 1]].tolist()) for i in leaf} == {(1, 0, 1)}
+    cells = list(zip(states.rows, states.cols, strict=True))
+    leaf = [np.array([cells.index(cell)]) for cell in CLOSED]
+    assert {tuple(states.courses.of(one).state.tolist()) for one in leaf} == {(1, 0, 1)}
 
 
 def test_no_object_has_more_places_than_asked_for() -> None:

@@ -98,9 +98,10 @@ class Intervals:
     look_ns: int
 
     @classmethod
-    def of(cls, history: History) -> Intervals:
-        """Those of the history's period."""
-        return cls(list(history.runs()), history.stamps_ns, history.first_scan, history.last_scan, look_ns(history))
+    def of(cls, history: History, look: int | None = None) -> Intervals:
+        """Those of the history's period; a look stands for `look` nanoseconds, by default for a scan period."""
+        period = (history.first_scan, history.last_scan)
+        return cls(list(history.runs()), history.stamps_ns, *period, look or look_ns(history))
 
     def series(self, cells: NDArray[np.int32]) -> SeriesSet:
         """See `time_series`."""

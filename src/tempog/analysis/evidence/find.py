@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -11,10 +12,12 @@ from numpy.typing import NDArray
 
 from tempog.analysis.configurations import Configuration
 from tempog.analysis.evidence.association import PlaceSet, associate_places
+from tempog.analysis.evidence.blocks import BLOCK_TILES, cell_states
 from tempog.analysis.evidence.grouping import group_cells
-from tempog.analysis.evidence.hidden import hidden_places
-from tempog.analysis.evidence.places import Place, find_places
-from tempog.analysis.evidence.states import CellStates, cell_states
+from tempog.analysis.evidence.hidden import Hidden, hidden_places
+from tempog.analysis.evidence.known import Known, recalled
+from tempog.analysis.evidence.places import Place, by_block, find_places
+from tempog.analysis.evidence.states import CellStates
 from tempog.analysis.objects import MovingObject, ObjectPeriod
 from tempog.analysis.series import ever_occupied, look_ns
 from tempog.analysis.static import CellClass
@@ -24,24 +27,56 @@ from tempog.times import NS_PER_S
 
 HYPOTHESIS_ODDS = 0.0  # log odds: as likely as not
 LOOK_WORTH_S = 0.3  # s; scanners on robots look at least so often, mostly ten times a second
+HIDDEN_LOOKS = 2.0  # times its size: how far from a place `hidden_places` looks, at most
 OBSERVED_TIMES = ("worth_s", "least_stay_s", "long_seen_s", "short_seen_s", "once_seen_s", "wall_free_s")
 
 
 def find_by_evidence(
-    history: History, settings: EvidenceConfig
+    history: History, settings: EvidenceConfig, known: Known | None = None, block_tiles: int = BLOCK_TILES
 ) -> tuple[NDArray[np.int8], list[Configuration], list[MovingObject]]:
-    """Static map, configurations and objects of a history; see `find_objects`."""
-    settings = for_looks_every(look_ns(history) / NS_PER_S, settings)
-    states = cell_states(history, settings)
-    places = find_places(states, group_cells(states, settings), settings)
+    """Static map, configurations and objects of a history; see `find_objects`.
+
+    The answer depends neither on what is known from an earlier analysis nor on the size of the blocks.
+    """
+    look = steady_look_ns(history)
+    settings = for_looks_every(look / NS_PER_S, settings)
+    if known is not None:
+        known.begin((settings, look, history.tiles.spec.resolution_m, block_tiles))
+    states = cell_states(history, settings, known, block_tiles, look)
+    places = find_places(states, group_cells(states, settings, known), settings, known)
     sets = associate_places(places, settings)
     several = {i for one in sets for i in one.members}
-    hidden = hidden_places(states, places, [k for k in range(len(places)) if k not in several], settings)
+    hidden = _hidden(states, places, [k for k in range(len(places)) if k not in several], settings, known)
     sets += [PlaceSet((one.of, len(places) + k), HYPOTHESIS_ODDS) for k, one in enumerate(hidden)]
     n_seen, places = len(places), places + [one.place for one in hidden]
     configurations = [_configuration(k + 1, place, states, k >= n_seen) for k, place in enumerate(places)]
     walls = _classes(history, states, places, settings)
     return walls, configurations, _objects(sets, places, configurations)
+
+
+def steady_look_ns(history: History) -> int:
+    """What a look stands for, to three digits: a median of stamps that jitter would be another with every scan."""
+    look = look_ns(history)
+    return max(1, round(look, 3 - len(str(look))))
+
+
+def _hidden(
+    states: CellStates, places: list[Place], alone: list[int], settings: EvidenceConfig, known: Known | None
+) -> list[Hidden]:
+    """`hidden_places`, asked for one place after the other, those of one block together."""
+    found: dict[int, list[Hidden]] = {}
+    for n in by_block(states, [places[k].cells for k in alone]):
+        k, place = alone[n], places[alone[n]]
+        area = states.around(place.cells, math.ceil(HIDDEN_LOOKS * place.size_m / states.resolution_m))
+
+        def work_out(k: int = k, area: NDArray[np.int64] = area) -> list[tuple[NDArray[np.int64], Place]]:
+            ones = hidden_places(states, places, [k], settings)
+            return [(np.searchsorted(area, one.place.cells), one.place) for one in ones]
+
+        key = partial(states.digest, "hidden", place.cells, area)
+        answers = recalled(known, key, work_out)
+        found[k] = [Hidden(k, replace(one, cells=area[cells])) for cells, one in answers]
+    return [one for k in alone for one in found[k]]
 
 
 def for_looks_every(period_s: float, settings: EvidenceConfig) -> EvidenceConfig:
@@ -64,7 +99,7 @@ def _classes(history: History, states: CellStates, places: list[Place], settings
     classes = np.full(history.tiles.n_cells, CellClass.UNEXPLORED, dtype=np.int8)
     classes[ever_occupied(history, above=0.0)] = CellClass.FREE
     share = states.occupied_share
-    numbers = states.series.cells
+    numbers = states.numbers
     classes[numbers[share > 1 - settings.static_share]] = CellClass.CHANGING
     classes[numbers[share >= settings.static_share]] = CellClass.STATIC
     for place in places:

@@ -2,36 +2,76 @@
 
 from __future__ import annotations
 
+from functools import partial
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from tempog.analysis.evidence.kernels import joint_evidence
+from tempog.analysis.evidence.known import Known, digest, recalled
 from tempog.analysis.evidence.merge_kernel import merge_groups
 from tempog.analysis.evidence.states import CellStates
+from tempog.analysis.evidence.threads import in_threads
+from tempog.analysis.series_kernels import connect
 from tempog.methods import EvidenceConfig
 
 # Share of stretches in which two cells of one thing may differ: they are not seen by the same beam.
 DISAGREEMENT = 0.1
 
 
-def group_cells(states: CellStates, settings: EvidenceConfig) -> list[NDArray[np.int64]]:
+def group_cells(states: CellStates, settings: EvidenceConfig, known: Known | None = None) -> list[NDArray[np.int64]]:
     """Groups of cells that were occupied and free together, each as sorted indices into `states`.
 
     Only cells take part for whose having been occupied, and free, there is some evidence. Two groups are merged if
     the pairs of neighbours across them agree in the mean, the most alike first: one similar neighbour alone does not
-    chain a door to the people before it.
+    chain a door to the people before it. Cells that no chain of pairs connects do not meet; so what is connected is
+    merged by itself, with all else that begins in the same block.
     """
     changing = np.flatnonzero((states.evidence >= settings.least_evidence).all(axis=1))
-    reach = max(1, round(settings.reach_m / states.resolution_m))
-    left, right = pairs_within(states.rows[changing], states.cols[changing], reach)
-    evidence = np.zeros((len(left), 4))
-    series = states.series
-    periods = (series.offsets, series.start_ns, series.stop_ns, states.state)
-    joint_evidence(*periods, changing[left], changing[right], settings.worth_s, evidence)
-    label = merge(len(changing), left, right, likelihood_ratios(evidence), settings.alike_above)
+    label = np.arange(len(states.rows))
+    left, right, weight = states.alike
+    part_of = np.arange(len(states.rows))
+    connect(left, right, part_of)
+    bundle = states.block_of[part_of[left]]
+    order = np.argsort(bundle, kind="stable")
+    bounds = np.flatnonzero(np.diff(bundle[order])) + 1
+    bundles = [_Bundle.of(states, left[which], right[which], weight[which]) for which in np.split(order, bounds)]
+    for one, merged in zip(bundles, _merge_each(bundles, settings, known), strict=True):
+        label[one.cells] = one.cells[merged]
+    label = label[changing]
     order = np.argsort(label, kind="stable")
     bounds = np.flatnonzero(np.diff(label[order])) + 1
     return [changing[group] for group in np.split(order, bounds)] if len(order) else []
+
+
+class _Bundle(NamedTuple):
+    """Cells, and pairs of them by their places among the cells."""
+
+    cells: NDArray[np.int64]
+    left: NDArray[np.int64]
+    right: NDArray[np.int64]
+    weight: NDArray[np.float64]
+    places: tuple[NDArray[np.int64], NDArray[np.int64]]
+
+    @classmethod
+    def of(
+        cls, states: CellStates, left: NDArray[np.int64], right: NDArray[np.int64], weight: NDArray[np.float64]
+    ) -> _Bundle:
+        cells, places = np.unique(np.concatenate([left, right]), return_inverse=True)
+        left, right = np.split(places.astype(np.int64), 2)
+        return cls(cells, left, right, weight, (states.rows[cells], states.cols[cells]))
+
+    def key(self) -> bytes:
+        return digest("bundle", *self.places, self.left, self.right, self.weight)
+
+
+def _merge_each(bundles: list[_Bundle], settings: EvidenceConfig, known: Known | None) -> list[NDArray[np.int64]]:
+    def work_out(one: _Bundle) -> NDArray[np.int64]:
+        return merge(len(one.cells), one.left, one.right, one.weight, settings.alike_above)
+
+    if known is None:
+        return in_threads(work_out, bundles)
+    return [recalled(known, one.key, partial(work_out, one)) for one in bundles]
 
 
 def pairs_within(

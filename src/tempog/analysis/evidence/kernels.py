@@ -157,3 +157,93 @@ def seconds_during(
                 k += 1
             else:
                 spell += 1
+
+
+@kernel
+def copy_periods(
+    offsets: NDArray[np.int64],
+    start_ns: NDArray[np.int64],
+    stop_ns: NDArray[np.int64],
+    hit: NDArray[np.uint8],
+    state: NDArray[np.uint8],
+    which: NDArray[np.int64],
+    to: NDArray[np.int64],
+    out_offsets: NDArray[np.int64],
+    out_start_ns: NDArray[np.int64],
+    out_stop_ns: NDArray[np.int64],
+    out_hit: NDArray[np.uint8],
+    out_state: NDArray[np.uint8],
+) -> None:
+    """Copy the periods of series ``which[i]`` to the place that `out_offsets` has for series ``to[i]``."""
+    for i in range(which.shape[0]):
+        place = out_offsets[to[i]]
+        for k in range(offsets[which[i]], offsets[which[i] + 1]):
+            out_start_ns[place], out_stop_ns[place] = start_ns[k], stop_ns[k]
+            out_hit[place], out_state[place] = hit[k], state[k]
+            place += 1
+
+
+@kernel
+def find_within(
+    rows: NDArray[np.int64],
+    cols: NDArray[np.int64],
+    row_min: int,
+    row_max: int,
+    col_min: int,
+    col_max: int,
+    found: NDArray[np.int64],
+) -> int:
+    """Which of some cells, sorted by row and col, lie in a rectangle; returns how many.
+
+    found (capacity,)   their indices, rising; those beyond its capacity are only counted   [written]
+    """
+    n, n_found = rows.shape[0], 0
+    at, row = 0, row_min
+    while row <= row_max:
+        low, high = at, n  # the first cell of the row, or of a later one, that is not left of the rectangle
+        while low < high:
+            middle = (low + high) >> 1
+            if rows[middle] < row or (rows[middle] == row and cols[middle] < col_min):
+                low = middle + 1
+            else:
+                high = middle
+        at = low
+        while at < n and rows[at] == row and cols[at] <= col_max:
+            if n_found < found.shape[0]:
+                found[n_found] = at
+            n_found += 1
+            at += 1
+        if at == n:
+            break
+        row = max(row + 1, rows[at])  # rows without cells cost nothing
+    return n_found
+
+
+@kernel
+def add_content(
+    cells: NDArray[np.int32],
+    offsets: NDArray[np.int64],
+    first: NDArray[np.int32],
+    last: NDArray[np.int32],
+    value_bits: NDArray[np.uint32],
+    since: int,
+    until: int,
+    stamps_ns: NDArray[np.int64],
+    content: NDArray[np.uint64],
+) -> None:
+    """Mix what the scans since..until saw of each cell into its 64 bits: when intervals began and ended, and values.
+
+    content (n_cells,)   by cell number   [updated]
+    """
+    for i in range(cells.shape[0]):
+        mixed = content[cells[i]]
+        for k in range(offsets[i], offsets[i + 1]):
+            if first[k] <= until and last[k] >= since:
+                start, stop = stamps_ns[max(first[k], since)], stamps_ns[min(last[k], until)]
+                mixed = (mixed ^ np.uint64(start)) * np.uint64(0x9E3779B97F4A7C15)
+                mixed ^= mixed >> np.uint64(32)
+                mixed = (mixed ^ np.uint64(stop)) * np.uint64(0xC2B2AE3D27D4EB4F)
+                mixed ^= mixed >> np.uint64(29)
+                mixed = (mixed ^ np.uint64(value_bits[k])) * np.uint64(0xD6E8FEB86659FD93)
+                mixed ^= mixed >> np.uint64(32)
+        content[cells[i]] = mixed

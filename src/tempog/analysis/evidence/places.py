@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tempog.analysis.configurations import Period
+from tempog.analysis.evidence.known import Known, recalled
 from tempog.analysis.evidence.states import CellStates
 from tempog.methods import EvidenceConfig
 from tempog.times import NS_PER_S
@@ -98,26 +99,54 @@ class Place:
         return sum(stay.lasted_s >= long_s for stay in self.occupied)
 
 
-def find_places(states: CellStates, groups: Sequence[NDArray[np.int64]], settings: EvidenceConfig) -> list[Place]:
+def find_places(
+    states: CellStates, groups: Sequence[NDArray[np.int64]], settings: EvidenceConfig, known: Known | None = None
+) -> list[Place]:
     """The groups that behave like a leaf or a box: still there after a long time or found again, all at once, alone.
 
     Sorted by the row, then column, of the first cell.
     """
-    pieces = []
-    for group in groups:
-        if _reach_m(states, group) >= settings.piece_m:
-            piece = measure(states, group, settings)
-            if _may_be_part(piece, settings):
-                pieces.append(piece)
-    places = [place for place in join_faces(states, pieces, settings) if is_place(states, place, settings)]
+    large = [group for group in groups if _reach_m(states, group) >= settings.piece_m]
+    measured: dict[int, Place] = {}
+    for k in by_block(states, large):
+        measured[k] = _measured(states, large[k], settings, known)
+    pieces = [measured[k] for k in range(len(large)) if _may_be_part(measured[k], settings)]
+    joined = join_faces(states, pieces, settings, known)
+    places = [
+        joined[k]
+        for k in by_block(states, [one.cells for one in joined])
+        if _is_place(states, joined[k], settings, known)
+    ]
     return sorted(places, key=lambda place: int(place.cells[0]))
+
+
+def by_block(states: CellStates, groups: Sequence[NDArray[np.int64]]) -> list[int]:
+    """Numbers of groups, those that begin in the same block after each other: their courses are loaded together."""
+    return sorted(range(len(groups)), key=lambda k: (int(states.block_of[groups[k][0]]), k))
+
+
+def looks_m(settings: EvidenceConfig) -> float:
+    """How far from a place `is_place` looks, at most: what has not changed within, it need not be asked again."""
+    return max(settings.ring_m, settings.echo_m)
+
+
+def _measured(states: CellStates, cells: NDArray[np.int64], settings: EvidenceConfig, known: Known | None) -> Place:
+    """As `measure`, or as it was measured before: cells may have other indices by now."""
+    place = recalled(known, lambda: states.digest("piece", cells), lambda: measure(states, cells, settings))
+    return replace(place, cells=cells)
+
+
+def _is_place(states: CellStates, place: Place, settings: EvidenceConfig, known: Known | None) -> bool:
+    def key() -> bytes:
+        around = states.around(place.cells, math.ceil(looks_m(settings) / states.resolution_m) + 1)
+        return states.digest("place", place.cells, around)
+
+    return recalled(known, key, lambda: is_place(states, place, settings))
 
 
 def measure(states: CellStates, cells: NDArray[np.int64], settings: EvidenceConfig) -> Place:
     """The course of a group's states: what most of its cells say while enough of them are seen."""
-    offsets = states.series.offsets
-    where = np.concatenate([np.arange(offsets[i], offsets[i + 1]) for i in cells.tolist()])
-    start, stop, state = (of[where] for of in (states.series.start_ns, states.series.stop_ns, states.state))
+    _, start, stop, state = states.courses.of(cells).smoothed
     times = np.concatenate([start, stop])
     order = np.argsort(times, kind="stable")
     times = times[order]
@@ -241,42 +270,61 @@ def echo(states: CellStates, place: Place, settings: EvidenceConfig) -> float:
     return float(np.mean(beside.any(axis=1)))
 
 
-def join_faces(states: CellStates, pieces: Sequence[Place], settings: EvidenceConfig) -> list[Place]:
+def join_faces(
+    states: CellStates, pieces: Sequence[Place], settings: EvidenceConfig, known: Known | None = None
+) -> list[Place]:
     """Groups that lie along each other and never contradict each other, as one: the faces of a leaf or a box.
 
     A pass of the robot sees one face, the next one the other; what their states have in common are stays, gaps
     filled in.
     """
-    from scipy.spatial import cKDTree
-
     from tempog.analysis.evidence.association import joint_periods
 
     whole: dict[int, Place] = dict(enumerate(pieces))
-    if len(pieces) < 2:
-        return list(whole.values())
-    reach_m = max(piece.size_m for piece in pieces)
-    pairs = cKDTree([piece.centre_m for piece in pieces]).query_pairs(
-        reach_m + settings.face_m, output_type="ndarray"
-    )
     part_of = list(range(len(pieces)))
-    for i, j in sorted(pairs.tolist()):
-        a, b = part_of[i], part_of[j]
+
+    def owner(k: int) -> int:
+        while part_of[k] != k:
+            part_of[k] = part_of[part_of[k]]
+            k = part_of[k]
+        return k
+
+    for i, j in _close_pairs(pieces, settings.face_m):
+        a, b = owner(i), owner(j)
         if a == b or not _along(whole[a], whole[b], settings.face_m):
             continue
         evidence = joint_periods(whole[a].periods, whole[b].periods, settings.worth_s, one_at_a_time=False)
         if evidence[1, 1] >= 0.5 and evidence[0, 1] + evidence[1, 0] <= 0.1 * evidence.sum():
-            whole[a] = measure(states, np.sort(np.concatenate([whole[a].cells, whole[b].cells])), settings)
+            cells = np.sort(np.concatenate([whole[a].cells, whole[b].cells]))
+            whole[a] = _measured(states, cells, settings, known)
             del whole[b]
-            part_of = [a if owner == b else owner for owner in part_of]
+            part_of[b] = a
     return list(whole.values())
+
+
+def _close_pairs(pieces: Sequence[Place], face_m: float) -> list[tuple[int, int]]:
+    """Pairs of pieces whose centres are no farther apart than the larger one's size, and the gap between faces.
+
+    Each piece looks as far as its own size: one that reaches through the whole map is paired with all others, but
+    these are not with each other.
+    """
+    from scipy.spatial import cKDTree
+
+    if len(pieces) < 2:
+        return []
+    centres = np.array([piece.centre_m for piece in pieces])
+    near = cKDTree(centres).query_ball_point(centres, [piece.size_m + face_m for piece in pieces])
+    return sorted({(min(i, j), max(i, j)) for i, others in enumerate(near) for j in others if i != j})
 
 
 def _along(place: Place, other: Place, face_m: float) -> bool:
     """Whether half the cells of the smaller are within two faces' distance of the other, and one within one."""
+    from scipy.spatial import cKDTree
+
     small, large = sorted((place.points_map, other.points_map), key=len)
     if np.any(small.min(axis=0) - large.max(axis=0) > face_m) or np.any(
         large.min(axis=0) - small.max(axis=0) > face_m
     ):
         return False
-    apart_m = np.sqrt(((small[:, None] - large[None]) ** 2).sum(axis=-1)).min(axis=1)
+    apart_m, _ = cKDTree(large).query(small)
     return bool(apart_m.min() <= face_m and np.mean(apart_m <= 2 * face_m) >= 0.5)

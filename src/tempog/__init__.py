@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from tempog.analysis.configurations import Configuration, find_configurations
     from tempog.analysis.dynamics import map_dynamics
     from tempog.analysis.find_objects import FoundObjects, find_objects
+    from tempog.analysis.growing import EvidenceAnalysis
     from tempog.analysis.high_dynamic import HighDynamic, high_dynamic, high_dynamics
     from tempog.analysis.objects import MovingObject, associate
     from tempog.analysis.occupancy import occupancy_grid
@@ -45,6 +46,7 @@ _HOMES = {
     "tempog.analysis.configurations": ["Configuration", "find_configurations"],
     "tempog.analysis.dynamics": ["map_dynamics"],
     "tempog.analysis.find_objects": ["FoundObjects", "find_objects"],
+    "tempog.analysis.growing": ["EvidenceAnalysis"],
     "tempog.analysis.high_dynamic": ["HighDynamic", "high_dynamic", "high_dynamics"],
     "tempog.analysis.objects": ["MovingObject", "associate"],
     "tempog.analysis.occupancy": ["occupancy_grid"],
@@ -81,6 +83,7 @@ __all__ = [
     "ConfigError",
     "Configuration",
     "EmptyWindowError",
+    "EvidenceAnalysis",
     "EvidenceConfig",
     "ExtentError",
     "FoundObjects",

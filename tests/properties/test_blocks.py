@@ -163,6 +163,29 @@ def test_only_what_changed_is_worked_out_again(monkeypatch) -> None:
     assert (looked, analysis.share_recalled) == ([], 1.0)
 
 
+def test_a_place_is_judged_anew_when_only_what_is_around_it_changed() -> None:
+    leaf, beside = {(0, k) for k in range(14)}, {(row, k) for row in (3, 4) for k in range(14)}
+    statements = []
+    for k in range(800):  # what is hit beside the closed leaf looks like a wall, until it is seen to be gone
+        closed = k // 80 % 2 == 0
+        if k < 640:
+            statements.append(
+                [*((cell, 0.9 if closed else 0.1) for cell in leaf), *((c, 0.9) for c in beside if closed)]
+            )
+        else:
+            statements.append([(cell, 0.1) for cell in beside])
+    stream = Stream([STREAM_START_NS + round(k * PERIOD_S * NS) for k in range(800)], statements, NS, 0.2)
+    chosen = EvidenceConfig(reach_m=0.05, ring_m=0.2)  # so near that what is beside is no part of the leaf
+    grid, analysis = empty_grid(stream), EvidenceAnalysis(chosen)
+    for stamp_ns in stream.stamps_ns[:640]:
+        feed(grid, stamp_ns)
+    assert len(analysis.update(grid).configurations) == 1
+    for stamp_ns in stream.stamps_ns[640:]:
+        feed(grid, stamp_ns)
+    assert not analysis.update(grid).configurations
+    assert not find_objects(grid, settings=chosen).configurations
+
+
 def test_what_was_not_needed_is_forgotten_and_other_contexts_know_nothing() -> None:
     known = Known()
     known.begin("a")

@@ -10,6 +10,7 @@ import breakdown
 import flatness
 import ingest
 import logs
+import objects
 import queries
 import simulate
 import sizes
@@ -30,6 +31,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "sizes": sizes.run,
     "startup": startup.run,
     "simulate": simulate.run,
+    "objects": objects.run,
 }
 
 

@@ -27,7 +27,7 @@ from tempog.sensing.tiles import TileIndex
 from tempog.simulation import load_world, simulate
 
 SPAN_S, N_SPANS = 900.0, 10
-WORLDS = (("hallway", 20), ("office", 10), ("rooms", 10), ("random", 10))  # and how many people
+WORLDS = (("hallway", 60), ("office", 20), ("rooms", 20), ("random", 20))  # and how many people
 SCAN_NS = 100_000_000
 ADDED_SCANS = 600  # a minute
 BIG = (1_000_000, 100_000_000)  # cells and intervals

@@ -238,10 +238,12 @@ def leak(states: CellStates, place: Place, settings: EvidenceConfig) -> float:
 
     Cells that were never free, walls beside the place, are not counted.
     """
+    from scipy.spatial import cKDTree
+
     reach = max(1, round(settings.ring_m / states.resolution_m))
     around = states.around(place.cells, reach)
-    up, right = (abs(of[around][:, None] - of[place.cells]) for of in (states.rows, states.cols))
-    apart = np.maximum(up, right).min(axis=1)
+    cells, others = (np.stack([states.rows[of], states.cols[of]], axis=-1) for of in (place.cells, around))
+    apart, _ = cKDTree(cells).query(others, p=np.inf, distance_upper_bound=reach + 0.5)
     ring = around[(apart > 0) & (apart <= reach) & (states.evidence[around, 0] >= settings.least_evidence)]
     spells = [(stay.start_ns, stay.stop_ns) for stay in place.occupied]
     in_ring, inside = (
@@ -256,6 +258,8 @@ def echo(states: CellStates, place: Place, settings: EvidenceConfig) -> float:
     A door that opens, or a chair that is carried away, leaves open floor. A wall that one pass of the robot saw a
     decimetre beside where another did is still there, right beside its other self.
     """
+    from scipy.spatial import cKDTree
+
     reach = max(1, round(settings.echo_m / states.resolution_m))
     around = np.setdiff1d(states.around(place.cells, reach), place.cells, assume_unique=True)
     seconds = states.seconds_during(around, [(stay.start_ns, stay.stop_ns) for stay in place.free])
@@ -265,9 +269,12 @@ def echo(states: CellStates, place: Place, settings: EvidenceConfig) -> float:
     # Sideways only: the jambs at both ends of a leaf are no echo of it.
     centred = place.points_map - place.points_map.mean(axis=0)
     along, across = np.linalg.eigh(centred.T @ centred)[1].T[::-1]
-    apart = states.points_map(standing) - place.points_map[:, None]
+    points = states.points_map(standing)
+    near = cKDTree(points).query_ball_point(place.points_map, math.hypot(settings.echo_m, states.resolution_m) + 1e-6)
+    cell = np.repeat(np.arange(len(near)), [len(others) for others in near])
+    apart = points[np.concatenate(near).astype(np.int64)] - place.points_map[cell]
     beside = (abs(apart @ across) <= settings.echo_m) & (abs(apart @ along) <= states.resolution_m)
-    return float(np.mean(beside.any(axis=1)))
+    return len(np.unique(cell[beside])) / len(place.cells)
 
 
 def join_faces(

@@ -13,6 +13,8 @@ from tempog.analysis.evidence.courses import CourseSource
 from tempog.analysis.evidence.kernels import find_within, seconds_during
 from tempog.analysis.evidence.known import digest
 
+CELLS_AT_A_TIME = 2**13  # whose courses are asked for at once: the rectangle around a place may be the whole map
+
 
 class Alike(NamedTuple):
     """Pairs of cells close to each other that both changed, and how much speaks for their showing one thing.
@@ -89,10 +91,12 @@ class CellStates:
         By their smoothed states, or by what was measured.
         """
         since, until = np.array(spells, dtype=np.int64).reshape(-1, 2).T.copy()
-        courses = self.courses.of(which)
         seconds = np.zeros((len(which), 2))
-        periods = courses.smoothed if smoothed else courses.measured
-        seconds_during(*periods, np.arange(len(which)), since, until, seconds)
+        for first in range(0, len(which), CELLS_AT_A_TIME):
+            part = which[first : first + CELLS_AT_A_TIME]
+            courses = self.courses.of(part)
+            periods = courses.smoothed if smoothed else courses.measured
+            seconds_during(*periods, np.arange(len(part)), since, until, seconds[first:])
         return seconds
 
     def digest(self, purpose: str, *several: NDArray[np.int64]) -> bytes:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import math
 
 import numpy as np
 import pytest
@@ -11,8 +13,9 @@ from hypothesis import strategies as st
 
 from fed_grid import empty_grid, feed, grid_of
 from strategies import STREAM_START_NS, Stream
-from tempog.analysis.evidence import blocks
+from tempog.analysis.evidence import blocks, places
 from tempog.analysis.evidence.known import Known
+from tempog.analysis.evidence.places import Place
 from tempog.analysis.find_objects import FoundObjects, find_objects
 from tempog.analysis.growing import EvidenceAnalysis
 from tempog.errors import ConfigError, TimeError
@@ -39,16 +42,16 @@ def drive(seed: int) -> Stream:
     unseen: list[set[tuple[int, int]]] = [set() for _ in range(n_scans)]
     for _ in range(1 + seed % 2):
         corner = rng.integers(-24, 24, 2)
-        places = [box(corner + rng.integers(-6, 6, 2), rng) for _ in range(rng.integers(1, 4))]
+        spots = [box(corner + rng.integers(-6, 6, 2), rng) for _ in range(rng.integers(1, 4))]
         k = 0
         while k < n_scans:
-            there = places[rng.integers(len(places))] if rng.random() < 0.8 else set()
+            there = spots[rng.integers(len(spots))] if rng.random() < 0.8 else set()
             until = k + int(rng.integers(20, 110))
             for taken in occupied[k:until]:
                 taken |= there
             if rng.random() < 0.4:
                 for hidden in unseen[k : until - 15]:
-                    hidden |= places[0]
+                    hidden |= spots[0]
             k = until
     for k in range(n_scans):  # somebody walks by every half minute
         if k % 120 < 60:
@@ -184,6 +187,30 @@ def test_a_place_is_judged_anew_when_only_what_is_around_it_changed() -> None:
         feed(grid, stamp_ns)
     assert not analysis.update(grid).configurations
     assert not find_objects(grid, settings=chosen).configurations
+
+
+def piece(x_m: float, y_m: float, length_m: float) -> Place:
+    """Cells in a row from a point on."""
+    n = round(length_m / 0.05)
+    points = np.stack([x_m + 0.05 * np.arange(n), np.full(n, y_m)], axis=-1)
+    return Place(np.arange(n), points, (), (), 0.05)
+
+
+@given(st.lists(st.tuples(st.integers(0, 40), st.integers(0, 40), st.integers(3, 60)), max_size=12))
+@FEW
+def test_faces_are_looked_for_as_far_as_the_larger_piece_is_large(triples):
+    pieces = [piece(0.1 * x, 0.1 * y, 0.05 * length) for x, y, length in triples]
+    wanted = [
+        (i, j)
+        for (i, one), (j, other) in itertools.combinations(enumerate(pieces), 2)
+        if math.dist(one.centre_m, other.centre_m) <= max(one.size_m, other.size_m) + 0.11
+    ]
+    assert places._close_pairs(pieces, 0.11) == wanted
+
+
+def test_a_piece_as_long_as_the_map_makes_no_pairs_of_the_others() -> None:
+    pieces = [piece(-100.0, 0.0, 300.0), *(piece(3.0 * (k % 30), 3.0 * (k // 30), 0.8) for k in range(900))]
+    assert places._close_pairs(pieces, 0.11) == [(0, k) for k in range(1, 901)]
 
 
 def test_what_was_not_needed_is_forgotten_and_other_contexts_know_nothing() -> None:

@@ -100,55 +100,103 @@ def cell_states(
 ) -> CellStates:
     """States of every cell that was ever hit, block by block; those blocks anew that differ from what is known."""
     intervals = Intervals.of(history, look_ns)
+    content = cell_content(history) if known is not None else np.zeros(history.tiles.n_cells, dtype=np.uint64)
+    layout = _lay_out(history, content, block_tiles * TILE, settings)
+    found = _look_at_blocks(layout, intervals, settings, known)
+
+    def load(block: int) -> Courses:
+        return smoothed_courses(intervals, layout.numbers[layout.members[block]], settings)
+
+    n = len(layout.rows)
+    n_periods, place_of = np.zeros((2, n), dtype=np.int64)
+    evidence, seconds = np.zeros((2, n, 2))
+    for one, mine in zip(found, layout.members, strict=True):
+        n_periods[mine], evidence[mine], seconds[mine] = one[:3]
+        place_of[mine] = np.arange(len(mine))
+    return CellStates(
+        layout.rows,
+        layout.cols,
+        layout.resolution_m,
+        layout.numbers,
+        evidence,
+        seconds,
+        layout.block_of,
+        _alike(found, layout.rows, layout.cols),
+        BlockCourses(layout.block_of, place_of, n_periods, load),
+        layout.content,
+    )
+
+
+class _Layout(NamedTuple):
+    """Cells sorted by row and col, as in `CellStates`, and the blocks they are in.
+
+    Blocks are numbered by row and column; `members` holds the cells of each, `side` is theirs in cells, `reach` how
+    far beyond its border a block looks.
+    """
+
+    numbers: NDArray[np.int32]
+    rows: NDArray[np.int64]
+    cols: NDArray[np.int64]
+    content: NDArray[np.uint64]
+    resolution_m: float
+    block_of: NDArray[np.int64]
+    members: list[NDArray[np.int64]]
+    side: int
+    reach: int
+
+    def area(self, block: int) -> NDArray[np.int64]:
+        """The block's cells and those they are paired with, beside and above."""
+        row, col = (int(of[self.members[block][0]]) // self.side * self.side for of in (self.rows, self.cols))
+        last_row, last_col = row + self.side - 1 + self.reach, col + self.side - 1 + self.reach
+        return within(self.rows, self.cols, row, last_row, col - self.reach, last_col)
+
+    def key(self, block: int) -> bytes:
+        """A name for what was measured in the block's area."""
+        cells = self.area(block)
+        return digest("block", self.block_of[cells] == block, self.rows[cells], self.cols[cells], self.content[cells])
+
+
+def _lay_out(history: History, content: NDArray[np.uint64], side: int, settings: EvidenceConfig) -> _Layout:
     numbers = np.flatnonzero(ever_occupied(history)).astype(np.int32)
     rows, cols = (places.astype(np.int64) for places in history.tiles.rows_cols(numbers))
     order = np.lexsort((cols, rows))
     numbers, rows, cols = numbers[order], rows[order], cols[order]
-    content = np.zeros(len(numbers), dtype=np.uint64)
-    if known is not None:
-        content = cell_content(history)[numbers]
-    block_of, members = _blocks(rows, cols, block_tiles * TILE)
+    across = cols // side - cols.min(initial=0) // side
+    _, block_of = np.unique(rows // side * (across.max(initial=0) + 1) + across, return_inverse=True)
+    order = np.argsort(block_of, kind="stable")
+    bounds = np.flatnonzero(np.diff(block_of[order])) + 1
+    members = np.split(order, bounds) if len(order) else []
     resolution_m = history.tiles.spec.resolution_m
     reach = reach_in_cells(resolution_m, settings)
+    places = (numbers, rows, cols, content[numbers], resolution_m)
+    return _Layout(*places, block_of.astype(np.int64), members, side, reach)
 
-    def area(block: int) -> NDArray[np.int64]:
-        """The block's cells and those its cells are paired with."""
-        side = block_tiles * TILE
-        row, col = (int(of[members[block][0]]) // side * side for of in (rows, cols))
-        return within(rows, cols, row, row + side - 1 + reach, col - reach, col + side - 1 + reach)
+
+def _look_at_blocks(
+    layout: _Layout, intervals: Intervals, settings: EvidenceConfig, known: Known | None
+) -> list[BlockEvidence]:
+    """What each block says, as it is known or worked out now."""
 
     def look(block: int) -> BlockEvidence:
-        cells = area(block)
-        courses = smoothed_courses(intervals, numbers[cells], settings)
-        return look_at_block(courses, rows[cells], cols[cells], block_of[cells] == block, resolution_m, settings)
+        cells = layout.area(block)
+        courses = smoothed_courses(intervals, layout.numbers[cells], settings)
+        places = (layout.rows[cells], layout.cols[cells], layout.block_of[cells] == block)
+        return look_at_block(courses, *places, layout.resolution_m, settings)
 
-    found: dict[int, BlockEvidence] = {}
-    keys: dict[int, bytes] = {}
-    if known is not None:
-        for block in range(len(members)):
-            cells = area(block)
-            keys[block] = digest("block", block_of[cells] == block, rows[cells], cols[cells], content[cells])
-            is_known, answer = known.recall(keys[block])
-            if is_known:
-                found[block] = answer
-    anew = [block for block in range(len(members)) if block not in found]
+    blocks = range(len(layout.members))
+    if known is None:
+        return in_threads(look, blocks)
+    found = {}
+    keys = [layout.key(block) for block in blocks]
+    for block in blocks:
+        is_known, answer = known.recall(keys[block])
+        if is_known:
+            found[block] = answer
+    anew = [block for block in blocks if block not in found]
     for block, answer in zip(anew, in_threads(look, anew), strict=True):
         found[block] = answer
-        if known is not None:
-            known.keep(keys[block], answer)
-
-    def load(block: int) -> Courses:
-        return smoothed_courses(intervals, numbers[members[block]], settings)
-
-    n_periods = np.zeros(len(rows), dtype=np.int64)
-    evidence, seconds = np.zeros((2, len(rows), 2))
-    place_of = np.zeros(len(rows), dtype=np.int64)
-    for block, mine in enumerate(members):
-        n_periods[mine], evidence[mine], seconds[mine] = found[block][:3]
-        place_of[mine] = np.arange(len(mine))
-    alike = _alike([found[block] for block in range(len(members))], rows, cols)
-    courses = BlockCourses(block_of, place_of, n_periods, load)
-    return CellStates(rows, cols, resolution_m, numbers, evidence, seconds, block_of, alike, courses, content)
+        known.keep(keys[block], answer)
+    return [found[block] for block in blocks]
 
 
 def cell_content(history: History) -> NDArray[np.uint64]:
@@ -159,18 +207,6 @@ def cell_content(history: History) -> NDArray[np.uint64]:
         period = (history.first_scan, history.last_scan, history.stamps_ns)
         add_content(runs.cells, runs.offsets, runs.first, runs.last, bits, *period, content)
     return content
-
-
-def _blocks(
-    rows: NDArray[np.int64], cols: NDArray[np.int64], side: int
-) -> tuple[NDArray[np.int64], list[NDArray[np.int64]]]:
-    """Which block each cell is in, blocks numbered by row and column; and the cells of each."""
-    across = cols // side - (cols.min(initial=0) // side)
-    key = rows // side * (across.max(initial=0) + 1) + across
-    _, block_of = np.unique(key, return_inverse=True)
-    order = np.argsort(block_of, kind="stable")
-    bounds = np.flatnonzero(np.diff(block_of[order])) + 1
-    return block_of.astype(np.int64), list(np.split(order, bounds)) if len(order) else []
 
 
 def _alike(blocks: list[BlockEvidence], rows: NDArray[np.int64], cols: NDArray[np.int64]) -> Alike:

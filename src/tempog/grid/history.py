@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, overload
+from typing import TYPE_CHECKING, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,12 @@ from tempog.config import DEFAULT_GAP_S, MapConfig
 from tempog.errors import ConfigError, EmptyWindowError, MomentError, TimeError
 from tempog.grid.segments import Runs, count_overlapping, join, latest_states
 from tempog.scans.scan import scan_period_s
-from tempog.sensing.grid_spec import Extent
+from tempog.sensing.grid_spec import Bounds, Extent
 from tempog.sensing.tiles import FARTHEST_CELL, NO_CELL, TILE, TILE_CELLS, TileIndex
 from tempog.times import MAX_NS, NS_PER_S, Moment, format_moment, parse_moment
+
+if TYPE_CHECKING:
+    from tempog.grid.area import Area
 
 OCCUPIED_ABOVE = 0.5  # P(occupied) from which on a cell's state is called occupied
 
@@ -256,6 +259,39 @@ class History(ABC):
                 f" the scans run from {covered}"
             )
         return Window(self, since, until)
+
+    def area(self, x_min: float, x_max: float, y_min: float, y_max: float) -> Area:
+        """The history of one rectangle, which every analysis takes in place of the grid.
+
+        What it costs to ask follows what the rectangle holds, not the whole map.
+
+        Parameters
+        ----------
+        x_min, x_max, y_min, y_max : float, metres
+            In the map frame. All tiles of 8 x 8 cells that the rectangle touches belong to the area.
+
+        Raises
+        ------
+        ConfigError
+            The rectangle is none.
+        EmptyWindowError
+            Nothing was seen in there.
+
+        Examples
+        --------
+        >>> from tempog import build_grid, map_dynamics
+        >>> from tempog.simulation import corridor, simulate
+        >>> grid = build_grid(simulate(corridor(), duration_s=20.0).scans)
+        >>> door = grid.area(6.0, 8.0, 2.0, 4.0)
+        >>> map_dynamics(grid).shape, map_dynamics(door).shape
+        ((168, 264), (48, 48))
+        """
+        from tempog.grid.area import Area
+
+        bounds = Bounds(x_min, x_max, y_min, y_max)
+        if not (all(math.isfinite(side) for side in bounds) and x_min <= x_max and y_min <= y_max):
+            raise ConfigError(f"{bounds} is no rectangle; wanted finite metres, each minimum at most its maximum")
+        return Area(self, bounds)
 
     def history(self, x: float, y: float) -> CellHistory:
         """Every state of the cell at a point (map frame, metres); empty where nothing was ever observed.

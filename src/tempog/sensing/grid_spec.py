@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,6 +33,31 @@ class GridSpec:
         y = (np.asarray(rows, dtype=np.float64) + 0.5) * self.resolution_m
         x = (np.asarray(cols, dtype=np.float64) + 0.5) * self.resolution_m
         return np.stack([x, y], axis=-1)
+
+
+class Bounds(NamedTuple):
+    """A rectangle in the map frame, metres.
+
+    >>> print(Bounds(0.0, 2.0, -1.0, 1.0).grown(0.5))
+    x -0.50 to 2.50 m, y -1.50 to 1.50 m
+    """
+
+    x_min: float
+    x_max: float
+    y_min: float
+    y_max: float
+
+    def __str__(self) -> str:
+        return f"x {self.x_min:.2f} to {self.x_max:.2f} m, y {self.y_min:.2f} to {self.y_max:.2f} m"
+
+    def grown(self, by_m: float) -> Bounds:
+        """The rectangle with so much more on every side."""
+        return Bounds(self.x_min - by_m, self.x_max + by_m, self.y_min - by_m, self.y_max + by_m)
+
+    def holds(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which of some points, (n, 2) metres, lie in it."""
+        x, y = points[:, 0], points[:, 1]
+        return np.asarray((x >= self.x_min) & (x <= self.x_max) & (y >= self.y_min) & (y <= self.y_max))
 
 
 @dataclass(frozen=True)

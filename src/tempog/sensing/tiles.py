@@ -164,6 +164,17 @@ class TileIndex:
             return NO_CELL
         return int(self.directory[r, c]) * TILE_CELLS + (row % TILE) * TILE + col % TILE
 
+    def cell_numbers(self, rows: NDArray[np.int32], cols: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Number of each cell, NO_CELL where no tile holds it; `cell_number` for many."""
+        numbers = np.full(len(rows), NO_CELL, dtype=np.int32)
+        r, c = (rows >> TILE_BITS) - self.dir_row0, (cols >> TILE_BITS) - self.dir_col0
+        n, m = self.directory.shape
+        known = (r >= 0) & (r < n) & (c >= 0) & (c < m)
+        known[known] = self.directory[r[known], c[known]] != NO_TILE
+        tiles = self.directory[r[known], c[known]]
+        numbers[known] = tiles * TILE_CELLS + (rows[known] & (TILE - 1)) * TILE + (cols[known] & (TILE - 1))
+        return numbers
+
     def rows_cols(self, cells: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         """Lattice row and col of each numbered cell."""
         tiles, within = cells >> (2 * TILE_BITS), cells & (TILE_CELLS - 1)

@@ -10,14 +10,17 @@ from numpy.typing import NDArray
 from tempog._arrays import grown
 from tempog.analysis.configurations import PlaceState
 from tempog.analysis.find_objects import FoundObjects
-from tempog.analysis.high_dynamic import HighDynamic, near_cells
+from tempog.analysis.high_dynamic import HighDynamic
+from tempog.analysis.learn_area import Learned, NextIds, learn_area
 from tempog.analysis.static import CellClass
+from tempog.analysis.unexplained import Unexplained
 from tempog.errors import ConfigError, ScanError
-from tempog.grid.history import OCCUPIED_ABOVE
+from tempog.grid.history import OCCUPIED_ABOVE, History
 from tempog.scans.scan import Scan
 from tempog.sensing.evidence import Sensor
+from tempog.sensing.grid_spec import Bounds
 from tempog.sensing.surfaces import SurfaceMemory
-from tempog.sensing.tiles import TileIndex
+from tempog.sensing.tiles import NO_CELL, TileIndex
 from tempog.times import NS_PER_S
 
 NOWHERE = -1  # a cell that belongs to no place
@@ -42,7 +45,9 @@ class PlaceEvent(NamedTuple):
 class ObjectTracker:
     """Keeps the states of known objects while scans come in.
 
-    Memory grows with the area that is driven through, not with time: no history is kept.
+    Memory grows with the area that is driven through, not with time: no history is kept. What it does not know it
+    finds where a grid keeps the history beside it: `due` names the areas that scans contradict, `learn` has one
+    analysed again.
 
     Parameters
     ----------
@@ -66,35 +71,73 @@ class ObjectTracker:
     >>> events = [event for scan in scans for event in tracker.update(scan)]
     >>> tracker.where(1), tracker.state(1), [event.state for event in events if event.configuration_id == 1][-2:]
     (1, 'occupied', ['free', 'occupied'])
+
+    A door that nobody saw move before is learned on the way:
+
+    >>> from tempog import TemporalGrid
+    >>> grid = TemporalGrid(scan_period_s=0.1)
+    >>> grid.integrate_many(scans[:120])
+    >>> tracker = ObjectTracker(find_objects(grid))
+    >>> for k, scan in enumerate(scans[120:]):
+    ...     grid.integrate(scan)
+    ...     events = tracker.update(scan)
+    ...     for area in tracker.due() if k % 100 == 99 else []:
+    ...         learned = tracker.learn(grid, area)
+    ...         if learned.new_objects:
+    ...             print(grid.format_moment(scan.stamp_ns), area, learned.new_objects)
+    2025-06-15 15:08:31 UTC (+111.9 s) x 7.12 to 7.62 m, y 2.78 to 3.68 m (1,)
     """
 
     def __init__(self, found: FoundObjects, confirm_s: float = 0.5) -> None:
         if not 0 <= confirm_s <= MOST_SECONDS:
             raise ConfigError(f"confirm_s = {confirm_s!r} cannot work; wanted seconds from 0 to {MOST_SECONDS:g}")
-        history, tiles = found.history, found.history.tiles
-        self.found = found
+        tiles = found.history.tiles
         self._confirm_ns = round(confirm_s * NS_PER_S)
-        self._sensor = Sensor(history.config)
+        self._sensor = Sensor(found.history.config)
         used = slice(0, tiles.n_tiles)
         self.tiles = TileIndex.from_tiles(tiles.spec, tiles.max_cells, tiles.tile_rows[used], tiles.tile_cols[used])
         self.surfaces = SurfaceMemory()
-        near_m = found.settings.near_m
-        static = tiles.from_dense(found.walls) == CellClass.STATIC
-        self._near_static = near_cells(history, static, near_m)
+        self._unexplained = Unexplained()
+        self._ids = NextIds(
+            max((place.id for place in found.configurations), default=0) + 1,
+            max((one.id for one in found.objects), default=0) + 1,
+        )
+        self._state = self._doubted = np.empty(0, dtype=np.int8)
+        self._since_ns = self._seen_ns = np.empty(0, dtype=np.int64)
+        self._follow(found)
+        self._last_ns: int | None = None
+        self.high_dynamic = HighDynamic(0, np.empty((0, 2), np.int32), np.empty((0, 2)))
+
+    def _follow(self, found: FoundObjects) -> None:
+        """Mark the cells of walls and places, and lay out the places' states; the caller fills these in."""
+        self.found, self._extent = found, found.history.extent
+        tiles, near_m = self.tiles, found.settings.near_m
+        self._static = np.zeros(tiles.n_cells, dtype=np.bool_)
+        self._near_static = np.zeros(tiles.n_cells, dtype=np.bool_)
         self._place = np.full(tiles.n_cells, NOWHERE, dtype=np.int32)
         self._near_place = np.full(tiles.n_cells, NOWHERE, dtype=np.int32)
+        static = np.argwhere(found.walls == CellClass.STATIC) + np.array([self._extent.row0, self._extent.col0])
+        self._static[self._numbers(static)] = True
+        self._near_static[self._numbers(static, near_m)] = True
         for k, place in enumerate(found.configurations):
-            mine = np.zeros(tiles.n_cells, dtype=np.bool_)
-            mine[[tiles.cell_number(row, col) for row, col in place.cells.tolist()]] = True
-            self._place[mine] = k
-            self._near_place[near_cells(history, mine, near_m) & (self._near_place == NOWHERE)] = k
+            self._place[self._numbers(place.cells)] = k
+            near = self._numbers(place.cells, near_m)
+            self._near_place[near[self._near_place[near] == NOWHERE]] = k
         self._owner = {place.id: one.id for one in found.objects for place in one.configurations}
         self._size = np.array([len(place.cells) for place in found.configurations], dtype=np.int64)
         n_places = len(found.configurations)
         self._state, self._doubted = (np.full(n_places, UNKNOWN, dtype=np.int8) for _ in range(2))
         self._since_ns, self._seen_ns = (np.zeros(n_places, dtype=np.int64) for _ in range(2))
-        self._last_ns: int | None = None
-        self.high_dynamic = HighDynamic(0, np.empty((0, 2), np.int32), np.empty((0, 2)))
+
+    def _numbers(self, cells: NDArray[np.int32] | NDArray[np.int64], near_m: float = 0.0) -> NDArray[np.int32]:
+        """Numbers of some cells, (n, 2) row and col, and of those whose centres are near; unknown ones left out."""
+        reach = near_m / self.tiles.spec.resolution_m + 1e-9
+        steps = np.arange(-int(reach), int(reach) + 1)
+        up, right = (part[None] for part in np.meshgrid(steps, steps, indexing="ij"))
+        within = up**2 + right**2 <= reach**2
+        rows, cols = ((cells[:, k, None] + part[within]).ravel() for k, part in enumerate((up, right)))
+        numbers = self.tiles.cell_numbers(rows.astype(np.int32), cols.astype(np.int32))
+        return np.unique(numbers[numbers != NO_CELL])
 
     def update(self, scan: Scan) -> list[PlaceEvent]:
         """Take a scan in; returns what it settled. `high_dynamic` then says what was on the move in it.
@@ -117,10 +160,13 @@ class ObjectTracker:
             self._place = grown(self._place, self.tiles.n_cells, fill=NOWHERE)
             self._near_place = grown(self._near_place, self.tiles.n_cells, fill=NOWHERE)
             self._near_static = grown(self._near_static, self.tiles.n_cells, fill=False)
+            self._static = grown(self._static, self.tiles.n_cells, fill=False)
         hit = prob > OCCUPIED_ABOVE
         events = self._settle(scan.stamp_ns, self._place[cells], hit)
         near = self._near_place[cells]
         empty = np.append((self._state == FREE) & (self._doubted != OCCUPIED), True)  # the last is for NOWHERE
+        strange = np.where(hit, ~self._near_static[cells] & (near == NOWHERE), self._static[cells])
+        self._unexplained.look(scan.stamp_ns, self.tiles.n_cells, cells, strange)
         moving = cells[hit & ~self._near_static[cells] & empty[near]]
         rows, cols = self.tiles.rows_cols(moving)
         order = np.lexsort((cols, rows))
@@ -151,6 +197,71 @@ class ObjectTracker:
                 confidence = agree if state == OCCUPIED else 1 - agree
                 events.append(PlaceEvent(stamp_ns, owner, one.id, NAMES[state], confidence))
         return events
+
+    def due(self) -> list[Bounds]:
+        """Areas whose walls and places explain too little of what scans say there: those to `learn` again.
+
+        A group of cells larger than 0.3 m is due once something stood there for 20 s that was neither wall nor place,
+        or repeatedly for 2 s; or once walls were seen free for as long. What was learned in vain is due after twice
+        the time. Rectangles in metres, map frame; areas that were never mapped are due, too.
+        """
+        return self._unexplained.areas(self.tiles)
+
+    def learn(self, history: History, area: Bounds) -> Learned:
+        """Analyse one area of the history again, and follow what is found there from now on.
+
+        What it costs follows the area, with the method's reach of some metres around it, and how often that was seen.
+        Places that are found again keep their ids and states, as do their objects. A place that the history does not
+        bear out any more is retired, and so is an object without places. No id is given twice.
+
+        Parameters
+        ----------
+        history : History
+            With the scans that made the area due: the grid that they were integrated into, or a window of it.
+        area : Bounds, metres
+            One of `due`, or any other.
+
+        Returns
+        -------
+        Learned
+            The ids that are new, and those that are retired. `found` then has all that is followed.
+
+        Raises
+        ------
+        ConfigError
+            `history` has cells of another size.
+        EmptyWindowError
+            It holds nothing of the area.
+        """
+        mine_m, theirs_m = self.tiles.spec.resolution_m, history.tiles.spec.resolution_m
+        if mine_m != theirs_m:
+            raise ConfigError(
+                f"the history has cells of {theirs_m:g} m, the tracker of {mine_m:g} m; they must agree"
+            )
+        before = {place.id: k for k, place in enumerate(self.found.configurations)}
+        state, doubted, since_ns, seen_ns = self._state, self._doubted, self._since_ns, self._seen_ns
+        found, learned, self._ids = learn_area(self.found, self._extent, history, area, self._ids)
+        self._follow(found)
+        for k, place in enumerate(found.configurations):
+            if place.id in before:
+                was = before[place.id]
+                self._state[k], self._doubted[k] = state[was], doubted[was]
+                self._since_ns[k], self._seen_ns[k] = since_ns[was], seen_ns[was]
+            elif place.periods:
+                last = place.periods[-1]
+                self._state[k], self._seen_ns[k] = OCCUPIED if last.state == "occupied" else FREE, last.stop_ns
+        rows, cols = self.tiles.rows_cols(np.arange(self.tiles.n_cells, dtype=np.int32))
+        inside = area.holds(self.tiles.spec.centres(rows, cols))
+        self._unexplained.learned(np.flatnonzero(inside).astype(np.int32))
+        return learned
+
+    @property
+    def memory_bytes(self) -> int:
+        """Bytes held for cells, apart from `found`; they follow the area that was seen, not time."""
+        cells = (self._static, self._near_static, self._place, self._near_place)
+        return (
+            sum(part.nbytes for part in cells) + self.tiles.nbytes + self.surfaces.nbytes + self._unexplained.nbytes
+        )
 
     def state(self, configuration_id: int) -> PlaceState | None:
         """What a place was last seen as; None before it was seen."""

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from tempog.analysis.high_dynamic import HighDynamic, high_dynamic, high_dynamics
     from tempog.analysis.objects import MovingObject, associate
     from tempog.analysis.occupancy import occupancy_grid
+    from tempog.analysis.pose_consistency import PoseConsistency, pose_consistency
     from tempog.analysis.static import CellClass, static_map
     from tempog.analysis.tracker import ObjectTracker, PlaceEvent
     from tempog.config import GridConfig, MapConfig, SensingConfig
@@ -50,6 +51,7 @@ _HOMES = {
     "tempog.analysis.high_dynamic": ["HighDynamic", "high_dynamic", "high_dynamics"],
     "tempog.analysis.objects": ["MovingObject", "associate"],
     "tempog.analysis.occupancy": ["occupancy_grid"],
+    "tempog.analysis.pose_consistency": ["PoseConsistency", "pose_consistency"],
     "tempog.analysis.static": ["CellClass", "static_map"],
     "tempog.analysis.tracker": ["ObjectTracker", "PlaceEvent"],
     "tempog.config": ["GridConfig", "MapConfig", "SensingConfig"],
@@ -96,6 +98,7 @@ __all__ = [
     "ObjectTracker",
     "PaperConfig",
     "PlaceEvent",
+    "PoseConsistency",
     "SavedMap",
     "Scan",
     "ScanError",
@@ -118,6 +121,7 @@ __all__ = [
     "occupancy_grid",
     "open_map",
     "open_scans",
+    "pose_consistency",
     "save_map",
     "static_map",
     "write_npz",

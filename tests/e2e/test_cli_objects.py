@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
 import jsonschema
 import pytest
 
-from tempog import build_grid, save_map
+from tempog import build_grid, save_map, write_npz
 from tempog.cli.app import run
-from tempog.simulation import corridor, simulate
+from tempog.simulation import PoseError, corridor, simulate
 
 SCHEMA = json.loads((files("tempog") / "schemas/objects-1.json").read_text(encoding="utf-8"))
 # Not the defaults, which find no object in the corridor: so that every part of the file is there to be checked.
@@ -138,3 +140,31 @@ def test_the_corridors_door_is_found_by_default(tempog, tmp_path: Path) -> None:
     for place in door["configurations"]:
         assert all(6.4 < x < 7.6 and 2.4 < y < 3.6 for x, y in place["cells"])
     assert {place["id"] for place in door["configurations"]} == {where for _, _, where in door["timeline"] if where}
+
+
+def test_poses_that_disagree_are_named_and_good_ones_are_not(monkeypatch, capsys, tmp_path: Path) -> None:
+    bad = PoseError(drift_m=0.05, drift_rad=math.radians(0.8), drift_s=20.0)
+    for name, error, consistent in (("good", PoseError(), True), ("bad", bad, False)):
+        log, path, answer = (tmp_path / f"{name}{suffix}" for suffix in (".npz", ".tempog", ".json"))
+        write_npz(log, simulate(replace(corridor(), pose_error=error), duration_s=120.0).scans)
+
+        def call(*words: object) -> tuple[str, str]:
+            monkeypatch.setattr(sys, "argv", ["tempog", *(str(word) for word in words)])
+            with pytest.raises(SystemExit, match="0"):
+                run()
+            return capsys.readouterr()
+
+        _, err = call("map", log, "-o", path)
+        assert ("poses look inconsistent" in err) == (not consistent)
+        measured = json.loads(call("map", log, "-o", path, "--force", "--json")[0])["poses"]
+        assert measured["consistent"] is consistent
+        assert json.loads(call("info", path, "--json")[0])["poses"] == measured
+        out, _ = call("info", path)
+        assert f"{measured['spread_m']:.3f} m displaced" in out
+        assert ("poses look inconsistent" in out) == (not consistent)
+        _, err = call("objects", path, "--json", answer)
+        assert ("objects found along walls may be wrong" in err) == (not consistent)
+        assert "inconsistent" not in call("objects", path, "--quiet")[1]
+        document = json.loads(answer.read_text())
+        assert document["poses"] == measured
+        jsonschema.validate(document, SCHEMA)

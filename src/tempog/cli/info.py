@@ -14,12 +14,14 @@ MapArgument = Annotated[Path, typer.Argument(metavar="MAP", help="A map made by 
 
 def info(map_path: MapArgument, json: JsonFlag = False) -> None:
     """Say what a map holds and how it was made."""
+    from tempog.analysis.pose_consistency import pose_consistency
     from tempog.store.map_directory import open_map
 
     saved = open_map(map_path)
     saved.require_scans()
     manifest = saved.manifest
     x_min, x_max, y_min, y_max = saved.extent.bounds
+    poses = pose_consistency(saved)
     answer: dict[str, Any] = {
         "map": str(map_path),
         "format_version": manifest["format_version"],
@@ -32,6 +34,7 @@ def info(map_path: MapArgument, json: JsonFlag = False) -> None:
         "stop_s": int(saved.stamps_ns[-1]) / 1e9,
         "extent_m": {"x_min": x_min, "x_max": x_max, "y_min": y_min, "y_max": y_max},
         "bytes_on_disk": saved.bytes_on_disk,
+        "poses": poses.to_dict(),
         "config": manifest["config"],
         "sources": manifest["sources"],
     }
@@ -46,6 +49,7 @@ def info(map_path: MapArgument, json: JsonFlag = False) -> None:
         "area": f"x {x_min:.1f} to {x_max:.1f} m, y {y_min:.1f} to {y_max:.1f} m",
         "cells": f"{count_text(manifest['n_cells'])} seen",
         "intervals": count_text(manifest["n_intervals"]),
+        "poses": poses.warning or str(poses),
         "settings": ", ".join(setting_text(name, value) for name, value in settings.items()),
     }
     for name, text in rows.items():

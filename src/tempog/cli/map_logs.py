@@ -82,6 +82,7 @@ def map_logs(
         if (source / "map.json").is_file():
             raise ScanError(f"{source} is a map, not a log; look at it with: tempog show {source} -o map.png")
     # These import Numba and pyarrow, which --help should not wait for.
+    from tempog.analysis.pose_consistency import pose_consistency
     from tempog.pipeline import build_grid
     from tempog.scans.open import open_scans
     from tempog.store.map_directory import check_target, open_map, save_map
@@ -112,6 +113,7 @@ def map_logs(
     with status(f"writing {path}", progress):
         save_map(grid, path, sources=logs, force=force)
     saved = open_map(path)
+    poses = pose_consistency(grid)
     answer: dict[str, Any] = {
         "map": str(path),
         "n_scans": grid.n_scans,
@@ -124,6 +126,7 @@ def map_logs(
         "resolution_m": resolution,
         "gap_s": grid.gap_s,
         "evidence": evidence,
+        "poses": poses.to_dict(),
         "notes": map_notes,
         "sources": [
             {"path": log.source, "n_scans": len(log), "n_skipped": log.n_skipped, "notes": list(log.notes)}
@@ -138,6 +141,8 @@ def map_logs(
         f" {count_text(answer['n_cells'])} cells, {count_text(answer['n_intervals'])} intervals,"
         f" {bytes_text(answer['bytes_on_disk'])} in {path}"
     )
+    if poses.warning and not quiet:
+        print_note(poses.warning)
 
 
 def default_map_path(log: Path) -> Path:

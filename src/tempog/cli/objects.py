@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from tempog._files import whole_file
-from tempog.cli._output import ForceFlag, QuietFlag, check_new_file, count_text, duration_text, status, wants_progress
+from tempog.cli._output import (
+    ForceFlag,
+    QuietFlag,
+    check_new_file,
+    count_text,
+    duration_text,
+    print_note,
+    status,
+    wants_progress,
+)
 from tempog.cli.info import MapArgument
 from tempog.errors import ConfigError
 from tempog.methods import METHODS, EvidenceConfig, Method, PaperConfig
@@ -62,15 +71,18 @@ def objects(
     if file is not None:
         check_new_file(file, force)
     from tempog.analysis.find_objects import find_objects
+    from tempog.analysis.pose_consistency import pose_consistency
     from tempog.store.map_directory import open_map
 
-    history: History = open_map(map_path)
+    saved = open_map(map_path)
+    history: History = saved
     if start is not None or stop is not None:
         history = history.window(start, stop)
     with status("finding objects", wants_progress(quiet)):
         found = find_objects(history, method, settings)
         measured = found.high_dynamics() if moving else []
-        document = found.document(measured)
+        poses = pose_consistency(saved)
+        document = {**found.document(measured), "poses": poses.to_dict()}
     if file is not None:  # before anything is printed: whoever reads that may stop listening
         with whole_file(file) as unfinished:
             unfinished.write_text(json.dumps(document, allow_nan=False) + "\n", encoding="utf-8")
@@ -98,6 +110,8 @@ def objects(
         )
     if file is not None:
         typer.echo(f"Written: {file}")
+    if poses.warning and not quiet:
+        print_note(poses.warning)
 
 
 def with_settings(settings: Settings, chosen: list[str]) -> Settings:

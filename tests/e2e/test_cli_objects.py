@@ -7,12 +7,14 @@ import math
 import sys
 from dataclasses import replace
 from importlib.resources import files
+from itertools import pairwise
 from pathlib import Path
 
 import jsonschema
 import pytest
 
 from tempog import build_grid, save_map, write_npz
+from tempog.analysis.objects_schema import check_objects
 from tempog.cli.app import run
 from tempog.simulation import PoseError, corridor, simulate
 
@@ -168,3 +170,47 @@ def test_poses_that_disagree_are_named_and_good_ones_are_not(monkeypatch, capsys
         document = json.loads(answer.read_text())
         assert document["poses"] == measured
         jsonschema.validate(document, SCHEMA)
+
+
+@pytest.fixture(scope="module")
+def whole_map(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("maps") / "whole.tempog"
+    save_map(build_grid(simulate(corridor(seed=0), seed=0).scans), path)
+    return path
+
+
+def test_an_object_has_a_row_and_a_course_that_agree_with_the_file(tempog, whole_map: Path, tmp_path: Path) -> None:
+    code, out, err = tempog(whole_map, "--timeline", 1, "--json", tmp_path / "o.json")
+    assert (code, err) == (0, "")
+    assert max(map(len, out.splitlines())) <= 120
+    document = json.loads((tmp_path / "o.json").read_text())
+    jsonschema.Draft202012Validator(SCHEMA).validate(document)
+    (door,) = document["objects"]
+    assert door["n_moves"] == len(door["stays"]) - 1 == 6
+    assert door["last"] == door["stays"][-1]
+    assert sum(one["share"] for one in door["shares"]) == pytest.approx(1)
+    assert sum(stay["seen_s"] for stay in door["stays"]) <= door["seen_s"]
+    row = next(line for line in out.splitlines() if line.startswith("     1 ")).split()
+    since, until = (f"+{door['last'][key] - document['start_s']:.1f}" for key in ("since_s", "last_seen_s"))
+    assert row[3:7] == [str(door["last"]["configuration"]), since, until, "6"]
+    course = out.split("object 1: 6 moves, ")[1].splitlines()[2:-1]
+    assert sum(line.endswith("not seen") for line in course) >= len(door["gaps"]) > 0
+    ends = [tuple(map(float, line.split()[:2])) for line in course]
+    assert (ends[0][0], ends[-1][1]) == (0.0, pytest.approx(document["stop_s"] - document["start_s"], abs=0.11))
+    assert all(later[0] == one[1] for one, later in pairwise(ends))
+
+
+def test_files_from_before_there_were_stays_can_still_be_read(tempog, whole_map: Path, tmp_path: Path) -> None:
+    tempog(whole_map, "--json", tmp_path / "o.json")
+    document = json.loads((tmp_path / "o.json").read_text())
+    for key in ("stays", "last", "n_moves", "gaps", "seen_s", "shares"):
+        del document["objects"][0][key]
+    jsonschema.Draft202012Validator(SCHEMA).validate(document)
+    check_objects(document)
+
+
+def test_the_course_of_an_object_that_is_not_there_is_refused(tempog, whole_map: Path, tmp_path: Path) -> None:
+    code, out, err = tempog(whole_map, "--timeline", 7, "--json", tmp_path / "o.json")
+    assert (code, out) == (2, "")
+    assert "there is no object 7; wanted one of 1" in err
+    assert not (tmp_path / "o.json").exists()

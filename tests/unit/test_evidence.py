@@ -239,6 +239,40 @@ def test_times_without_a_look_stay_unknown() -> None:
     assert [(p.start_ns - STREAM_START_NS) // NS for p in periods] == [0, 40, 80, 100]
 
 
+def test_a_stay_goes_on_over_gaps_and_over_somebody_in_the_doorway() -> None:
+    everything = WALL + CLOSED + OPEN
+    unseen = [(20.0, [], everything)]
+    somebody = [(1.0, everything, [])]
+    (leaf,) = found_in(
+        [*door("closed"), *somebody, *door("closed"), *unseen, *door("closed", "open"), *unseen]
+    ).objects
+    assert seconds_of(leaf.timeline) == [(0, 20, 1), (20, 21, None), (21, 41, 1), (61, 81, 1), (81, 101, 2)]
+    assert [(*one, stay.seen_s) for one, stay in zip(seconds_of(leaf.stays), leaf.stays, strict=True)] == [
+        (0, 81, 1, pytest.approx(60)),
+        (81, 101, 2, pytest.approx(20)),
+    ]
+    assert leaf.n_moves == 1
+    assert [((a - STREAM_START_NS) // NS, (b - STREAM_START_NS) // NS) for a, b in leaf.gaps] == [(41, 61)]
+    assert leaf.last_stay == leaf.stays[-1]
+    assert leaf.shares == pytest.approx({1: 60 / 81, 2: 20 / 81, None: 1 / 81})
+
+
+def test_where_a_thing_was_last_is_not_said_while_that_is_unclear() -> None:
+    (leaf,) = found_in([*door("closed", "open", "closed", "open", "closed"), *door("away", seconds=5.0)]).objects
+    assert [stay.configuration for stay in leaf.stays] == [1, 2, 1, 2, 1]
+    assert leaf.last_stay is None
+
+
+def test_a_thing_of_one_place_is_there_or_away() -> None:
+    crate = box(1.0, 1.0, 0.4, 0.05)
+    course = [(40.0, WALL, []), (60.0, WALL + crate, []), (40.0, WALL, [])]
+    (one,) = found_in(course).objects
+    assert [stay.configuration for stay in one.stays] == [None, 1, None]
+    assert (one.n_moves, one.gaps, one.seen_s) == (2, (), pytest.approx(140))
+    assert one.shares == pytest.approx({1: 60 / 140, None: 80 / 140})
+    assert one.last_stay == one.stays[-1]
+
+
 def test_where_one_place_is_seen_free_and_the_other_not_at_all_nothing_is_known() -> None:
     course = [*door("closed", "open", "closed"), (20.0, WALL, OPEN), *door("open")]
     (leaf,) = found_in(course).objects

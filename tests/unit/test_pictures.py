@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from tempog.analysis.find_objects import find_objects
 from tempog.pipeline import build_grid
 from tempog.sensing.grid_spec import Extent
-from tempog.simulation import load_world, simulate
-from tempog.views.objects import LABEL_POINTS, label_offsets
+from tempog.simulation import corridor, load_world, simulate
+from tempog.views.objects import LABEL_POINTS, draw_timeline, label_offsets
 from tempog.views.side_by_side import Row, draw_side_by_side
 
 
@@ -42,3 +42,19 @@ def test_numbers_of_objects_at_one_place_stand_beside_each_other():
     for one, other in combinations(stand, 2):
         assert (np.abs(one - other) >= np.array(LABEL_POINTS) - 1e-9).any()
     assert offsets[0] == offsets[3] == (4.0, 4.0)
+
+
+def test_a_timeline_is_hatched_where_nobody_looked_and_tells_moves_and_shares():
+    found = find_objects(build_grid(simulate(corridor()).scans))
+    (one,) = found.objects
+    axes = draw_timeline(found).axes[0]
+    bands = [bars for bars in axes.collections if bars.get_hatch()]
+    assert [len(bars.get_paths()) for bars in bands] == [1] * len(one.configurations)
+    width = bands[0].get_paths()[0].get_extents().width
+    seen = sum(
+        path.get_extents().width for bars in axes.collections[:3] if bars not in bands for path in bars.get_paths()
+    )
+    (summary,) = axes.child_axes
+    told = [label.get_text() for label in summary.get_yticklabels()]
+    assert 0 < seen < width
+    assert told == [f"{one.shares[1]:.0%}, {one.n_moves} moves", f"{one.shares[2]:.0%}"]

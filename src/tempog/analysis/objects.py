@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +15,9 @@ from tempog.analysis.configurations import Configuration
 from tempog.analysis.series_kernels import intersect
 from tempog.methods import PaperConfig
 from tempog.times import NS_PER_S
+
+GAP_S = 1.0  # shorter, some beams missed what was in view
+CLEAR_AFTER_S = 2.0  # a swing takes a second, somebody a second to walk through
 
 
 class ObjectPeriod(NamedTuple):
@@ -24,6 +29,19 @@ class ObjectPeriod(NamedTuple):
     start_ns: int
     stop_ns: int
     configuration: int | None
+
+
+class ObjectStay(NamedTuple):
+    """An object in one state, from when it was first seen so until just before `stop_ns`, when it was so last.
+
+    `configuration` is the id of the place it was in; None for a thing of one place that was not in it. It was looked
+    at for `seen_s` of that time; whether it went away and came back in the rest, nobody knows.
+    """
+
+    start_ns: int
+    stop_ns: int
+    configuration: int | None
+    seen_s: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +70,78 @@ class MovingObject:
     none_s: float
     both_s: float
     confidence: float | None
+
+    @cached_property
+    def stays(self) -> tuple[ObjectStay, ...]:
+        """What it did: neighbouring periods of `timeline` in one place, as one.
+
+        Gaps do not end a stay, and neither do periods of no clear place, as while a leaf swings or somebody stands
+        in a doorway. Of a thing with one place, to be away is a state too.
+
+        Examples
+        --------
+        >>> s = 10**9
+        >>> course = [(0, 9, 1), (9, 10, None), (10, 20, 1), (50, 60, 1), (60, 61, None), (61, 70, 2)]
+        >>> timeline = tuple(ObjectPeriod(a * s, b * s, place) for a, b, place in course)
+        >>> places = tuple(Configuration(k, np.empty((0, 2)), np.empty((0, 2)), ()) for k in (1, 2))
+        >>> door = MovingObject(1, places, timeline, common_s=50.0, none_s=2.0, both_s=0.0, confidence=None)
+        >>> [(stay.start_ns // s, stay.stop_ns // s, stay.configuration, stay.seen_s) for stay in door.stays]
+        [(0, 60, 1, 29.0), (61, 70, 2, 9.0)]
+        >>> door.n_moves, [(a // s, b // s) for a, b in door.gaps], door.seen_s, door.shares
+        (1, [(20, 50)], 40.0, {1: 0.725, 2: 0.225, None: 0.05})
+        """
+        stays: list[ObjectStay] = []
+        for start, stop, place in self.timeline:
+            if place is None and len(self.configurations) > 1:
+                continue
+            lasted_s = (stop - start) / NS_PER_S
+            if stays and stays[-1].configuration == place:
+                stays[-1] = stays[-1]._replace(stop_ns=stop, seen_s=stays[-1].seen_s + lasted_s)
+            else:
+                stays.append(ObjectStay(start, stop, place, lasted_s))
+        return tuple(stays)
+
+    @property
+    def n_moves(self) -> int:
+        """How often it was found in another state than before: one less than its `stays`. It may have moved more."""
+        return max(0, len(self.stays) - 1)
+
+    @property
+    def gaps(self) -> tuple[tuple[int, int], ...]:
+        """(start, stop) ns of times between periods of `timeline`, `GAP_S` or longer, in which nothing is known."""
+        return tuple(
+            (one.stop_ns, later.start_ns)
+            for one, later in pairwise(self.timeline)
+            if later.start_ns - one.stop_ns >= GAP_S * NS_PER_S
+        )
+
+    @cached_property
+    def seen_s(self) -> float:
+        """How long `timeline` covers without its gaps, seconds."""
+        return sum(stop - start for start, stop, _ in self.timeline) / NS_PER_S
+
+    @cached_property
+    def shares(self) -> dict[int | None, float]:
+        """Share of `seen_s` in each place: its periods in `timeline` / `seen_s`. Under None, while in none clearly.
+
+        Places by id, also those it was not seen in; None last, and only if there was such time.
+        """
+        lasted_ns: dict[int | None, int] = dict.fromkeys((place.id for place in self.configurations), 0)
+        for start, stop, place in self.timeline:
+            lasted_ns[place] = lasted_ns.get(place, 0) + stop - start
+        total_ns = max(1, sum(lasted_ns.values()))
+        return {place: lasted / total_ns for place, lasted in lasted_ns.items()}
+
+    @property
+    def last_stay(self) -> ObjectStay | None:
+        """The state it is in now, as far as anybody knows: the last of `stays`, since when, and when last seen so.
+
+        None if it was never clear, and if it was seen later without being clear for longer than `CLEAR_AFTER_S`.
+        """
+        if not self.stays:
+            return None
+        unclear_ns = sum(stop - start for start, stop, _ in self.timeline if start >= self.stays[-1].stop_ns)
+        return self.stays[-1] if unclear_ns <= CLEAR_AFTER_S * NS_PER_S else None
 
 
 class _Combined(NamedTuple):

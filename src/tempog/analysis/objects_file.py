@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tempog.analysis.configurations import Configuration
 from tempog.analysis.high_dynamic import HighDynamic
-from tempog.analysis.objects import MovingObject
+from tempog.analysis.objects import MovingObject, ObjectStay
 from tempog.times import NS_PER_S
 
 OBJECTS_VERSION = 1
@@ -67,4 +67,19 @@ def _object(one: MovingObject) -> dict[str, Any]:
         "confidence": one.confidence,
         "configurations": [_configuration(place) for place in one.configurations],
         "timeline": [[start / NS_PER_S, stop / NS_PER_S, place] for start, stop, place in one.timeline],
+        "stays": [_stay(stay) for stay in one.stays],
+        "last": _stay(one.last_stay) if one.last_stay else None,
+        "n_moves": one.n_moves,
+        "gaps": [[start / NS_PER_S, stop / NS_PER_S] for start, stop in one.gaps],
+        "seen_s": one.seen_s,
+        "shares": [{"configuration": place, "share": share} for place, share in one.shares.items()],
+    }
+
+
+def _stay(stay: ObjectStay) -> dict[str, Any]:
+    return {
+        "configuration": stay.configuration,
+        "since_s": stay.start_ns / NS_PER_S,
+        "last_seen_s": stay.stop_ns / NS_PER_S,
+        "seen_s": stay.seen_s,
     }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -119,6 +118,6 @@ def describe_objects(found: FoundObjects) -> None:
     """Print what was found to stand now here, now there."""
     for one in found.objects:
         centres = " and ".join(f"({x:.1f}, {y:.1f})" for x, y in (place.centre_m for place in one.configurations))
-        where = [period.configuration for period in one.timeline if period.configuration is not None]
-        moves = sum(before != after for before, after in pairwise(where))
-        typer.echo(f"Found without being told: one thing that stands at {centres} m in turn, moved {moves} times.")
+        typer.echo(
+            f"Found without being told: one thing that stands at {centres} m in turn, moved {one.n_moves} times."
+        )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -16,6 +17,7 @@ from tempog.cli._output import (
     QuietFlag,
     check_new_file,
     count_text,
+    counted,
     duration_text,
     print_note,
     status,
@@ -28,9 +30,17 @@ from tempog.times import NS_PER_S
 
 if TYPE_CHECKING:
     from tempog.analysis.configurations import Configuration
+    from tempog.analysis.find_objects import FoundObjects
+    from tempog.analysis.objects import MovingObject, ObjectPeriod
     from tempog.grid.history import History
 
 LISTED = 20
+LEAST_SHARE = 0.005  # of the time an object was seen; less rounds to 0 %
+OBJECTS_HEAD = (
+    f"{'object':>6} {'x':>8} {'y':>8}  {'now in':<8} {'since':>9} {'last seen':>9} {'moves':>6} {'gaps':>5}"
+    f" {'seen':>12}  share of it in each place"
+)
+PLACES_HEAD = f"{'object':>6} {'place':>6} {'x':>8} {'y':>8} {'cells':>6} {'occupied':>14} {'seen':>14}  changes"
 Settings = TypeVar("Settings", PaperConfig, EvidenceConfig, PaperConfig | EvidenceConfig)
 
 MethodOption = Annotated[
@@ -59,10 +69,17 @@ def objects(
             help="A setting of the method, such as within_m=3; may be repeated.",
         ),
     ] = None,
+    timeline: Annotated[
+        list[int] | None,
+        typer.Option("--timeline", metavar="OBJECT", help="Also where this object was when; may be repeated."),
+    ] = None,
     force: ForceFlag = False,
     quiet: QuietFlag = False,
 ) -> None:
     """Find objects with several places, such as doors, and what is on the move.
+
+    An object's row says which place it was seen in last, since when, when that was seen last, and its shares of the
+    time it was seen. Times are seconds since the log's start. It may have moved more often than it was seen to.
 
     Settings that are not set are those of the method; METHOD=evidence has those of tempog.EvidenceConfig, the
     others of tempog.PaperConfig.
@@ -83,6 +100,7 @@ def objects(
         measured = found.high_dynamics() if moving else []
         poses = pose_consistency(saved)
         document = {**found.document(measured), "poses": poses.to_dict()}
+    wanted = [object_of(found, number) for number in timeline or []]
     if file is not None:  # before anything is printed: whoever reads that may stop listening
         with whole_file(file) as unfinished:
             unfinished.write_text(json.dumps(document, allow_nan=False) + "\n", encoding="utf-8")
@@ -91,17 +109,21 @@ def objects(
         f"{len(found.objects)} objects, {len(found.unassociated)} configurations in none,"
         f" {count_text(len(document['static']))} static cells; method {method}"
     )
+    start_ns = int(history.stamps_ns[0])
+    if found.objects:
+        typer.echo(OBJECTS_HEAD)
+    for one in found.objects[:LISTED]:
+        typer.echo(object_text(one, start_ns))
+    unlisted(len(found.objects), "objects", file)
     if found.configurations:
-        typer.echo(
-            f"{'object':>6} {'place':>6} {'x':>8} {'y':>8} {'cells':>6} {'occupied':>14} {'seen':>14}  changes"
-        )
+        typer.echo(f"\n{PLACES_HEAD}")
     places = [(str(one.id), place) for one in found.objects for place in one.configurations]
     places += [("-", place) for place in found.unassociated]
     for name, place in places[:LISTED]:
         typer.echo(f"{name:>6} {place_text(place)}")
-    if len(places) > LISTED:
-        where = f"{file} lists them" if file is not None else "--json FILE lists them"
-        typer.echo(f"... and {len(places) - LISTED} more; {where}")
+    unlisted(len(places), "places", file)
+    for one in wanted:
+        typer.echo("\n" + "\n".join(timeline_lines(one, found)))
     if measured:
         mean = sum(len(one.cells) for one in measured) / len(measured)
         typer.echo(
@@ -140,6 +162,100 @@ def with_settings(settings: Settings, chosen: list[str]) -> Settings:
         except ValueError:
             raise ConfigError(f"--set {text}: {value!r} is no number") from None
     return dataclasses.replace(settings, **changed)
+
+
+def unlisted(count: int, what: str, file: Path | None) -> None:
+    """Say how many rows of a table are left out, if any."""
+    if count > LISTED:
+        where = f"{file} lists them" if file is not None else "--json FILE lists them"
+        typer.echo(f"... and {count - LISTED} more {what}; {where}")
+
+
+def object_of(found: FoundObjects, number: int) -> MovingObject:
+    """The object with a number; ConfigError if there is none."""
+    for one in found.objects:
+        if one.id == number:
+            return one
+    there = f"wanted one of {', '.join(str(one.id) for one in found.objects)}" if found.objects else "none was found"
+    raise ConfigError(f"--timeline {number}: there is no object {number}; {there}")
+
+
+def object_text(one: MovingObject, start_ns: int) -> str:
+    """One object as a line of the table."""
+    points = [place.centre_m for place in one.configurations]
+    x, y = (sum(values) / len(points) for values in zip(*points, strict=True))
+    last = one.last_stay
+    now = state_text(one, last.configuration) if last else "unclear"
+    clear_ns = one.stays[-1].stop_ns if one.stays else None
+    since = offset_text(last.start_ns if last else clear_ns, start_ns)
+    until = offset_text(
+        last.stop_ns if last else max((period.stop_ns for period in one.timeline), default=None), start_ns
+    )
+    shares = ", ".join(
+        f"{state_text(one, place)}: {share:.0%}"
+        for place, share in one.shares.items()
+        if place is not None or share >= LEAST_SHARE
+    )
+    return (
+        f"{one.id:>6} {x:>8.2f} {y:>8.2f}  {now:<8} {since:>9} {until:>9} {one.n_moves:>6} {len(one.gaps):>5}"
+        f" {duration_text(one.seen_s):>12}  {shares}"
+    )
+
+
+def state_text(one: MovingObject, place: int | None) -> str:
+    """A state of an object in one word."""
+    if place is None:
+        return "away" if len(one.configurations) == 1 else "unclear"
+    return str(place)
+
+
+def offset_text(stamp_ns: int | None, start_ns: int) -> str:
+    """Seconds since the start; "-" for never."""
+    return "-" if stamp_ns is None else f"{(stamp_ns - start_ns) / NS_PER_S:+.1f}"
+
+
+def timeline_lines(one: MovingObject, found: FoundObjects) -> list[str]:
+    """Where an object was when, and when nobody looked, from the begin of the period to its end."""
+    stamps, start_ns = found.history.stamps_ns, int(found.history.stamps_ns[0])
+    now_ns, end_ns = int(stamps[found.history.first_scan]), int(stamps[found.history.last_scan])
+    lines = [
+        f"object {one.id}: {counted(one.n_moves, 'move', 'moves')}, seen for {duration_text(one.seen_s)}"
+        f" of {duration_text((end_ns - now_ns) / NS_PER_S)}",
+        f"{'from':>10} {'to':>10} {'for':>12}  in place",
+    ]
+
+    def add(since_ns: int, until_ns: int, what: str) -> None:
+        lasted = duration_text((until_ns - since_ns) / NS_PER_S)
+        lines.append(
+            f"{offset_text(since_ns, start_ns):>10} {offset_text(until_ns, start_ns):>10} {lasted:>12}  {what}"
+        )
+
+    for since_ns, until_ns, place in without_short_gaps(one.timeline):
+        if since_ns > now_ns:
+            add(now_ns, since_ns, "not seen")
+        add(since_ns, until_ns, state_text(one, place))
+        now_ns = until_ns
+    if end_ns > now_ns:
+        add(now_ns, end_ns, "not seen")
+    return lines
+
+
+def without_short_gaps(timeline: Sequence[ObjectPeriod]) -> list[ObjectPeriod]:
+    """A timeline in which gaps shorter than `GAP_S` within one state are filled."""
+    from tempog.analysis.objects import GAP_S
+
+    joined: list[ObjectPeriod] = []
+    for period in timeline:
+        last = joined[-1] if joined else None
+        if (
+            last is not None
+            and last.configuration == period.configuration
+            and period.start_ns - last.stop_ns < GAP_S * NS_PER_S
+        ):
+            joined[-1] = last._replace(stop_ns=period.stop_ns)
+        else:
+            joined.append(period)
+    return joined
 
 
 def place_text(place: Configuration) -> str:

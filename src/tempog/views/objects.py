@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from tempog.analysis.configurations import Configuration
 from tempog.analysis.find_objects import FoundObjects
+from tempog.analysis.objects import MovingObject
 from tempog.analysis.static import CellClass
 from tempog.sensing.grid_spec import Extent
 from tempog.times import NS_PER_S
@@ -46,6 +47,7 @@ LABEL_POINTS = (13, 10)  # width and height of a number of two digits
 LABEL_STEPS = sorted(((right, up) for right in range(-2, 6) for up in range(6)), key=lambda step: math.hypot(*step))
 SHORT_S = 0.1  # shorter than anybody takes to cross a cell
 ROW_INCHES = 0.22
+PALE = 0.25  # how much of an object's colour its free places have
 LONE_COLOUR: Colour = (0.90, 0.62, 0.0)
 OBJECTS_LEGEND = [
     (BLACK, "static"),
@@ -109,33 +111,47 @@ def draw_timeline(found: FoundObjects, *, title: str = "") -> Figure:
     """When each place of each object was occupied, when free, and when nobody looked.
 
     A row per place, the rows of one object beside each other in its colour: full where it was occupied, pale where
-    it was free, nothing where it was not seen.
+    it was free, and hatched grey where it was not seen. At the right, the share of the time the object was seen in
+    which it was there, and how often it moved.
     """
-    rows = [(k, one.id, place) for k, one in enumerate(found.objects) for place in one.configurations]
+    rows = [(k, one, place) for k, one in enumerate(found.objects) for place in one.configurations]
     start_ns = int(found.history.stamps_ns[found.history.first_scan])
-    stop_s = (int(found.history.stamps_ns[found.history.last_scan]) - start_ns) / NS_PER_S
+    stop_s = max((int(found.history.stamps_ns[found.history.last_scan]) - start_ns) / NS_PER_S, 1e-3)
     figure = Figure(
         figsize=(LONGEST_SIDE_INCHES, 1.2 + ROW_INCHES * max(len(rows), 5)), dpi=160, layout="constrained"
     )
     axes = figure.add_subplot()
     for y, (k, _, place) in enumerate(rows):
-        for state, alpha in (("occupied", 1.0), ("free", 0.25)):
+        axes.broken_barh([(0, stop_s)], (y - 0.4, 0.8), facecolor="0.96", edgecolor="0.75", hatch="////", linewidth=0)
+        for state, pale in (("occupied", 1.0), ("free", PALE)):
             spans = [
                 ((start - start_ns) / NS_PER_S, (stop - start) / NS_PER_S)
                 for start, stop, at in place.periods
                 if at == state
             ]
-            axes.broken_barh(spans, (y - 0.4, 0.8), facecolor=object_colour(k), alpha=alpha, linewidth=0)
+            colour = [1 - pale * (1 - part) for part in object_colour(k)]
+            axes.broken_barh(spans, (y - 0.4, 0.8), facecolor=colour, linewidth=0)
     labels = [
-        f"object {number}, place {place.id} ({place.centre_m[0]:.1f}, {place.centre_m[1]:.1f})"
-        for _, number, place in rows
+        f"object {one.id}, place {place.id} ({place.centre_m[0]:.1f}, {place.centre_m[1]:.1f})"
+        for _, one, place in rows
     ]
     axes.set_yticks(range(len(rows)), labels, fontsize=7)
-    axes.set(xlabel="seconds since the start", xlim=(0, max(stop_s, 1e-3)), ylim=(max(len(rows), 1) - 0.5, -0.5))
+    axes.set(xlabel="seconds since the start", xlim=(0, stop_s), ylim=(max(len(rows), 1) - 0.5, -0.5))
     axes.tick_params(axis="x", labelsize=8)
-    what = f"{counts(found)}: occupied (full), free (pale), not seen (empty)"
+    summary = axes.secondary_yaxis("right")
+    summary.set_yticks(range(len(rows)), [_course_text(one, place) for _, one, place in rows], fontsize=7)
+    summary.tick_params(length=0)
+    what = f"{counts(found)}: occupied (full), free (pale), not seen (hatched)"
     axes.set_title(" · ".join(part for part in (title, what) if part), fontsize=9, loc="left")
     return figure
+
+
+def _course_text(one: MovingObject, place: Configuration) -> str:
+    """Share of the time seen in a place; for the first place also how often the object moved."""
+    text = f"{one.shares[place.id]:.0%}"
+    if place is one.configurations[0]:
+        text += f", {one.n_moves} move{'s' * (one.n_moves != 1)}"
+    return text
 
 
 def paint_objects(axes: Axes, found: FoundObjects) -> None:

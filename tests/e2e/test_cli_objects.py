@@ -192,7 +192,8 @@ def test_an_object_has_a_row_and_a_course_that_agree_with_the_file(tempog, whole
     assert sum(stay["seen_s"] for stay in door["stays"]) <= door["seen_s"]
     row = next(line for line in out.splitlines() if line.startswith("     1 ")).split()
     since, until = (f"+{door['last'][key] - document['start_s']:.1f}" for key in ("since_s", "last_seen_s"))
-    assert row[3:7] == [str(door["last"]["configuration"]), since, until, "6"]
+    assert row[1] == f"{door['confidence']:.2f}"
+    assert row[4:8] == [str(door["last"]["configuration"]), since, until, "6"]
     course = out.split("object 1: 6 moves, ")[1].splitlines()[2:-1]
     assert sum(line.endswith("not seen") for line in course) >= len(door["gaps"]) > 0
     ends = [tuple(map(float, line.split()[:2])) for line in course]

@@ -262,6 +262,18 @@ def test_of_all_choices_of_disjoint_sets_the_best_is_taken(sets):
 
 @given(PLACE_SETS)
 @QUICK
+def test_the_margin_of_a_set_is_what_the_best_choice_without_it_loses(sets):
+    chosen = association.best_disjoint(sets)
+    best = sum(one.log_odds for one in chosen)
+    for one in association.with_rivals(chosen, sets):
+        others = [other for other in sets if other.members != one.members]
+        assert one.margin == pytest.approx(best - oracle.best_disjoint_sum(others), abs=1e-9)
+        assert one.margin <= one.log_odds + 1e-9
+        assert not set(one.rivals) & set(one.members)
+
+
+@given(PLACE_SETS)
+@QUICK
 def test_parts_share_no_place_and_fall_into_no_smaller_ones(sets):
     parts = association._neighbourhoods(sets)
     assert sorted(one for part in parts for one in part) == sorted(sets)
@@ -273,4 +285,8 @@ def test_parts_share_no_place_and_fall_into_no_smaller_ones(sets):
 
 def test_a_long_chain_of_sets_can_be_chosen_from():
     chain = [PlaceSet((i, i + 1), 1.0) for i in range(4000)]
-    assert len(association.best_disjoint(chain)) == 2000
+    chosen = association.best_disjoint(chain)
+    assert len(chosen) == 2000
+    sure = association.with_rivals(chosen, chain)
+    assert [one.members for one in sure] == [one.members for one in chosen]
+    assert all(0 <= one.margin <= 1 for one in sure)

@@ -10,6 +10,7 @@ import pytest
 
 from fed_grid import grid_of
 from strategies import STREAM_START_NS, Stream
+from tempog.analysis.evidence.association import PlaceSet, with_rivals
 from tempog.analysis.evidence.blocks import cell_states
 from tempog.analysis.find_objects import FoundObjects, find_objects
 from tempog.analysis.static import CellClass
@@ -67,6 +68,10 @@ def cells_by_place(found: FoundObjects) -> list[Cells]:
 
 def ids(found: FoundObjects) -> list[list[int]]:
     return [[place.id for place in one.configurations] for one in found.objects]
+
+
+def ids_of(one) -> list[int]:
+    return [place.id for place in one.configurations]
 
 
 def seconds_of(timeline) -> list[tuple[float, float, int | None]]:
@@ -225,6 +230,29 @@ def test_two_doors_that_move_in_step_are_told_apart_by_their_hinges() -> None:
     found = found_in(course)
     assert cells_by_place(found) == [CLOSED, beside(CLOSED), OPEN, beside(OPEN)]
     assert ids(found) == [[1, 3], [2, 4]]
+    assert [one.rivals for one in found.objects] == [(), ()]
+    assert all(one.confidence > 0.95 for one in found.objects)
+
+
+def test_two_crates_that_move_in_step_along_the_sides_of_a_square_are_ambiguous() -> None:
+    south_west, south_east, north_west, north_east = (
+        box(x_m, y_m, 0.4, 0.05) for y_m in (1.0, 2.2) for x_m in (1.0, 2.2)
+    )
+    course = [(20.0, WALL + south_west + north_east, []), (20.0, WALL + south_east + north_west, [])] * 3
+    found = found_in(course)
+    assert cells_by_place(found) == [south_west, south_east, north_west, north_east]
+    assert sorted(place for one in found.objects for place in ids_of(one)) == [1, 2, 3, 4]
+    for one, other in (found.objects, found.objects[::-1]):
+        assert one.rivals == tuple(ids_of(other))
+        assert 0.5 <= one.confidence < 0.75
+    assert [one["rivals"] for one in found.document()["objects"]] == [list(one.rivals) for one in found.objects]
+
+
+def test_a_place_that_may_be_the_third_of_either_of_two_things_is_told_of_the_one_that_got_it() -> None:
+    sets = [PlaceSet((0, 1), 4.0), PlaceSet((2, 3), 4.0), PlaceSet((0, 1, 4), 5.0), PlaceSet((2, 3, 4), 4.9)]
+    first, second = with_rivals([sets[2], sets[1]], sets)
+    assert (first.margin, first.rivals) == (pytest.approx(0.1), ())
+    assert (second.margin, second.rivals) == (pytest.approx(0.1), (4,))
 
 
 def test_times_without_a_look_stay_unknown() -> None:

@@ -59,8 +59,12 @@ class MovingObject:
     common_s, none_s, both_s : float, seconds
         For how long all its places were seen; how long of it no place was occupied, and how long several.
     confidence : float, 0..1, optional
-        That these places are those of one thing. For the paper's method the share of `common_s` in which exactly
-        one place was occupied. None for a thing with a single place.
+        That these places, and no others, are those of one thing: ``1 / (1 + exp(-margin))``, the margin being the
+        log odds that the best choice of objects without this one loses. For the paper's method the share of
+        `common_s` in which exactly one place was occupied. None for a thing with a single place.
+    rivals : tuple of int
+        Places of other objects that may as well be places of this one: time and shape do not say which, as of two
+        doors that move in step. Empty by the paper's method, which lets a place be part of several objects.
     """
 
     id: int
@@ -70,6 +74,7 @@ class MovingObject:
     none_s: float
     both_s: float
     confidence: float | None
+    rivals: tuple[int, ...] = ()
 
     @cached_property
     def stays(self) -> tuple[ObjectStay, ...]:

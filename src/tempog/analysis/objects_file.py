@@ -65,6 +65,7 @@ def _object(one: MovingObject) -> dict[str, Any]:
     return {
         "id": one.id,
         "confidence": one.confidence,
+        "rivals": list(one.rivals),
         "configurations": [_configuration(place) for place in one.configurations],
         "timeline": [[start / NS_PER_S, stop / NS_PER_S, place] for start, stop, place in one.timeline],
         "stays": [_stay(stay) for stay in one.stays],

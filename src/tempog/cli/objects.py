@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 LISTED = 20
 LEAST_SHARE = 0.005  # of the time an object was seen; less rounds to 0 %
 OBJECTS_HEAD = (
-    f"{'object':>6} {'x':>8} {'y':>8}  {'now in':<8} {'since':>9} {'last seen':>9} {'moves':>6} {'gaps':>5}"
-    f" {'seen':>12}  share of it in each place"
+    f"{'object':>6} {'sure':>5} {'x':>7} {'y':>7}  {'now in':<7} {'since':>9} {'last seen':>9} {'moves':>6}"
+    f" {'gaps':>5} {'seen':>12}  share of it in each place"
 )
 PLACES_HEAD = f"{'object':>6} {'place':>6} {'x':>8} {'y':>8} {'cells':>6} {'occupied':>14} {'seen':>14}  changes"
 Settings = TypeVar("Settings", PaperConfig, EvidenceConfig, PaperConfig | EvidenceConfig)
@@ -78,8 +78,9 @@ def objects(
 ) -> None:
     """Find objects with several places, such as doors, and what is on the move.
 
-    An object's row says which place it was seen in last, since when, when that was seen last, and its shares of the
-    time it was seen. Times are seconds since the log's start. It may have moved more often than it was seen to.
+    An object's row says how sure it is that just these places are those of one thing, which it was seen in last,
+    since when, when that was seen last, and its shares of the time it was seen. Times are seconds since the log's
+    start. It may have moved more often than it was seen to.
 
     Settings that are not set are those of the method; METHOD=evidence has those of tempog.EvidenceConfig, the
     others of tempog.PaperConfig.
@@ -113,7 +114,7 @@ def objects(
     if found.objects:
         typer.echo(OBJECTS_HEAD)
     for one in found.objects[:LISTED]:
-        typer.echo(object_text(one, start_ns))
+        typer.echo(object_text(one, start_ns, ambiguous_with(one, found)))
     unlisted(len(found.objects), "objects", file)
     if found.configurations:
         typer.echo(f"\n{PLACES_HEAD}")
@@ -180,25 +181,35 @@ def object_of(found: FoundObjects, number: int) -> MovingObject:
     raise ConfigError(f"--timeline {number}: there is no object {number}; {there}")
 
 
-def object_text(one: MovingObject, start_ns: int) -> str:
-    """One object as a line of the table."""
+def ambiguous_with(one: MovingObject, found: FoundObjects) -> list[int]:
+    """The objects whose places may as well be places of this one, or the other way round."""
+
+    def claims(rival: MovingObject, owner: MovingObject) -> bool:
+        return any(place.id in rival.rivals for place in owner.configurations)
+
+    return [other.id for other in found.objects if claims(one, other) or claims(other, one)]
+
+
+def object_text(one: MovingObject, start_ns: int, ambiguous: Sequence[int]) -> str:
+    """One object as a line of the table; with a second line if it is ambiguous."""
     points = [place.centre_m for place in one.configurations]
     x, y = (sum(values) / len(points) for values in zip(*points, strict=True))
     last = one.last_stay
     now = state_text(one, last.configuration) if last else "unclear"
     clear_ns = one.stays[-1].stop_ns if one.stays else None
+    seen_ns = max((period.stop_ns for period in one.timeline), default=None)
     since = offset_text(last.start_ns if last else clear_ns, start_ns)
-    until = offset_text(
-        last.stop_ns if last else max((period.stop_ns for period in one.timeline), default=None), start_ns
-    )
+    until = offset_text(last.stop_ns if last else seen_ns, start_ns)
     shares = ", ".join(
         f"{state_text(one, place)}: {share:.0%}"
         for place, share in one.shares.items()
         if place is not None or share >= LEAST_SHARE
     )
+    sure = "-" if one.confidence is None else f"{one.confidence:.2f}"
+    doubt = f"\n{'':>6} ambiguous with {', '.join(map(str, ambiguous))}" if ambiguous else ""
     return (
-        f"{one.id:>6} {x:>8.2f} {y:>8.2f}  {now:<8} {since:>9} {until:>9} {one.n_moves:>6} {len(one.gaps):>5}"
-        f" {duration_text(one.seen_s):>12}  {shares}"
+        f"{one.id:>6} {sure:>5} {x:>7.2f} {y:>7.2f}  {now:<7} {since:>9} {until:>9} {one.n_moves:>6}"
+        f" {len(one.gaps):>5} {duration_text(one.seen_s):>12}  {shares}{doubt}"
     )
 
 

@@ -20,6 +20,9 @@ ELSEWHERE = 0.03  # share of stretches in which a thing is in none of the places
 TWICE = 0.003  # ... in which two of them are occupied: somebody stands in the open door
 MAX_TRIES = 20_000  # of the exact choice among overlapping sets, per neighbourhood; then the best found so far
 MAX_SETS = 3_000  # of one size
+FEW_SETS = 200  # among which every choice is made again as a whole
+# Log odds that a link must have over every other one of its places; 1 is three to one.
+AMBIGUOUS_BELOW = 1.0
 
 
 class PlaceSet(NamedTuple):
@@ -29,7 +32,20 @@ class PlaceSet(NamedTuple):
     log_odds: float
 
 
-def associate_places(places: Sequence[Place], settings: EvidenceConfig) -> list[PlaceSet]:
+class ChosenSet(NamedTuple):
+    """A set of the best choice, and how sure it is.
+
+    `margin` is the sum of log odds lost by the best choice without this very set. `rivals` are other places that
+    places of this set are linked with, without losing `AMBIGUOUS_BELOW`.
+    """
+
+    members: tuple[int, ...]
+    log_odds: float
+    margin: float
+    rivals: tuple[int, ...] = ()
+
+
+def associate_places(places: Sequence[Place], settings: EvidenceConfig) -> list[ChosenSet]:
     """The sets of places that are best explained as those of one thing each; no place is in two of them.
 
     The log odds of a set are the sum over its pairs: of exclusion in time, see `exclusion`, and of shape, see
@@ -61,7 +77,7 @@ def associate_places(places: Sequence[Place], settings: EvidenceConfig) -> list[
                     larger[*members, another] = odds + sum(weight[i, another] for i in members)
         sets = larger
         found += _above(settings.link_above, sets)
-    return [chosen for part in _neighbourhoods(found) for chosen in best_disjoint(part)]
+    return [chosen for part in _neighbourhoods(found) for chosen in with_rivals(best_disjoint(part), part)]
 
 
 def _above(odds: float, sets: dict[tuple[int, ...], float]) -> list[PlaceSet]:
@@ -185,3 +201,41 @@ def best_disjoint(sets: Sequence[PlaceSet]) -> list[PlaceSet]:
             break
         k += 1
     return sorted(ordered[i] for i in best)
+
+
+def with_rivals(chosen: Sequence[PlaceSet], sets: Sequence[PlaceSet]) -> list[ChosenSet]:
+    """How sure each set of the best choice is: what is lost without it.
+
+    For each set the choice is made again without it. Of more than `FEW_SETS` only those take part that share places
+    with others that share places with it; what was chosen farther off stays, and the margin may come out too large.
+
+    >>> sets = [PlaceSet((0, 1), 3.0), PlaceSet((2, 3), 3.0), PlaceSet((0, 3), 2.8), PlaceSet((1, 2), 2.8)]
+    >>> first, second = with_rivals(sets[:2], sets)
+    >>> round(first.margin, 1), first.rivals
+    (0.4, (2, 3))
+    >>> with_rivals(sets[:1], sets[:1])
+    [ChosenSet(members=(0, 1), log_odds=3.0, margin=3.0, rivals=())]
+    """
+    owner = {i: k for k, one in enumerate(chosen) for i in one.members}
+    having: dict[int, list[int]] = {}
+    for k, one in enumerate(sets):
+        for i in one.members:
+            having.setdefault(i, []).append(k)
+    answer = []
+    for one in chosen:
+        near = set(having)
+        if len(sets) > FEW_SETS:
+            near = {i for j in {j for i in one.members for j in having[i]} for i in sets[j].members}
+        freed = {owner[i] for i in near if i in owner}
+        pool = [sets[j] for j in sorted({j for i in near for j in having[i]})]
+        pool = [other for other in pool if freed.issuperset(owner[i] for i in other.members if i in owner)]
+        total = sum(chosen[j].log_odds for j in freed)
+        without = best_disjoint([other for other in pool if other.members != one.members])
+        apart = best_disjoint([other for other in pool if not set(other.members) <= set(one.members)])
+        rivals: set[int] = set()
+        if total - sum(other.log_odds for other in apart) < AMBIGUOUS_BELOW:
+            mine = set(one.members)
+            rivals.update(i for other in apart if mine & set(other.members) for i in other.members if i not in mine)
+        margin = max(0.0, total - sum(other.log_odds for other in without))
+        answer.append(ChosenSet(one.members, one.log_odds, margin, tuple(sorted(rivals))))
+    return answer

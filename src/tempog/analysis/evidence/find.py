@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tempog.analysis.configurations import Configuration
-from tempog.analysis.evidence.association import PlaceSet, associate_places
+from tempog.analysis.evidence.association import ChosenSet, associate_places
 from tempog.analysis.evidence.blocks import BLOCK_TILES, cell_states
 from tempog.analysis.evidence.grouping import group_cells
 from tempog.analysis.evidence.hidden import Hidden, hidden_places
@@ -47,7 +47,7 @@ def find_by_evidence(
     sets = associate_places(places, settings)
     several = {i for one in sets for i in one.members}
     hidden = _hidden(states, places, [k for k in range(len(places)) if k not in several], settings, known)
-    sets += [PlaceSet((one.of, len(places) + k), HYPOTHESIS_ODDS) for k, one in enumerate(hidden)]
+    sets += [ChosenSet((one.of, len(places) + k), HYPOTHESIS_ODDS, HYPOTHESIS_ODDS) for k, one in enumerate(hidden)]
     n_seen, places = len(places), places + [one.place for one in hidden]
     configurations = [_configuration(k + 1, place, states, k >= n_seen) for k, place in enumerate(places)]
     walls = _classes(history, states, places, settings)
@@ -107,18 +107,19 @@ def _classes(history: History, states: CellStates, places: list[Place], settings
     return history.tiles.to_dense(classes, CellClass.UNEXPLORED)
 
 
-def _objects(sets: list[PlaceSet], places: list[Place], configurations: list[Configuration]) -> list[MovingObject]:
+def _objects(sets: list[ChosenSet], places: list[Place], configurations: list[Configuration]) -> list[MovingObject]:
     """Things of several places, then those of one, each group by the number of its first place."""
-    members = [one.members for one in sets]
-    several = {i for group in members for i in group}
-    odds = {one.members: one.log_odds for one in sets}
+    linked = {one.members: one for one in sets}
+    several = {i for group in linked for i in group}
     alone = [(i,) for i in range(len(places)) if i not in several]
     objects = []
-    for k, group in enumerate([*sorted(members), *alone]):
+    for k, group in enumerate([*sorted(linked), *alone]):
         timeline, common_s, none_s, both_s = _timeline(group, places, configurations)
-        confidence = 1 / (1 + math.exp(-odds[group])) if group in odds else None
+        one = linked.get(group)
+        confidence = 1 / (1 + math.exp(-one.margin)) if one else None
+        rivals = tuple(configurations[i].id for i in one.rivals) if one else ()
         chosen = tuple(configurations[i] for i in group)
-        objects.append(MovingObject(k + 1, chosen, timeline, common_s, none_s, both_s, confidence))
+        objects.append(MovingObject(k + 1, chosen, timeline, common_s, none_s, both_s, confidence, rivals))
     return objects
 
 

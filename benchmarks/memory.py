@@ -72,7 +72,7 @@ def _scans(saved: Mapping[str, NDArray[Any]]) -> Iterator[Scan]:
         yield Scan(0.0, (x, y, theta), angles, ranges, stamp_ns=int(stamp_ns))
 
 
-def _peak() -> int:
+def peak_bytes() -> int:
     """Most bytes this process ever held, or has held since `_forget_peak` where that works."""
     status = Path("/proc/self/status")
     if status.is_file():  # getrusage would count what the parent held when it started this process
@@ -111,9 +111,9 @@ def _print_peak(method: str, path: str) -> None:
     _map(method, BenchLog("warm-up", log.scans[:2]), bounds)
     gc.collect()
     _forget_peak()
-    before = _peak()
+    before = peak_bytes()
     _map(method, log, bounds)
-    print(_peak() - before)
+    print(peak_bytes() - before)
 
 
 def _print_first_scan() -> None:

@@ -211,7 +211,7 @@ def _measure_town(n_cells: int, n_intervals: int) -> dict[str, Any]:
         "seconds": seconds,
         "first_seconds": times[0],
         "again_seconds": times[1],
-        "peak_bytes": memory._peak(),
+        "peak_bytes": memory.peak_bytes(),
     }
 
 

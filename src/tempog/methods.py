@@ -129,6 +129,8 @@ class EvidenceConfig:
         the side of a chair is not.
     face_m : float, metres
         Groups this close that never contradict each other are faces of one thing.
+    fragment_m : float, metres
+        A group that is smaller may be the short side of another one at whose corner it lies.
     seen_share : float, 0..1
         Share of a group's cells that must be seen for its state to count.
     least_stay_s : float, seconds
@@ -136,32 +138,21 @@ class EvidenceConfig:
     long_stay_s : float, seconds
         What is found in place again after so long is no passer-by; people in the simulated worlds pause for 8 s in
         the mean.
-    long_duty, long_seen_s : share and seconds
-        With one such long stay: least share of the time seen in which the place was occupied, and least time
-        observed per stay.
-    short_duty, short_seen_s : share and seconds
-        The same for a place that was occupied twice or more, each time briefly.
-    short_leak, short_together
-        `leak` and `together` for such a place while it is occupied.
+    least_duty : float, 0..1
+        What was occupied for a smaller share of the time seen may be people, for all that is known of a group.
+    doubt_above, place_above : float
+        Log odds from which on a group may be a place, if another place of the same thing speaks for it, and from
+        which on it is one by itself; see `tempog.analysis.evidence.scorecard`.
+    once_doubt : float
+        Log odds lost by what changed but once: the pass before a jump of the poses shows every wall beside where the
+        passes after it do. Poses of the simulated drives drift, but do not jump.
     together : float, 0..1
-        Share of a place's cells that must be occupied while it is, and free while it is not.
+        Share of a group's cells that must be occupied while it is.
     ring_m : float, metres
         How far the ring around a place reaches.
-    leak : float
-        Most hits in the ring around an occupied place, per hit in it. A leaf's ring is empty; people fill theirs.
     echo_m : float, metres
-    echo : float, 0..1
-        Share of a place's cells that may have something standing so close by while the place is free; else it is a
-        wall, seen a little displaced. Poses of different passes disagree by a decimetre or two in most logs.
-    once_doubt, once_seen_s : share and seconds
-        What changed but once must have less leak and echo than this, and must have been observed for so long in
-        either state: poses that are corrected at a loop's end displace every wall once.
-    wall_duty, wall_free_s : share and seconds
-        What is occupied for longer than this share and was seen free but once, or for less than so many seconds,
-        is a wall.
-    round_radius_m, round_error_m, round_depth_m : float, metres
-        Cells on a circle of a smaller radius, to within the error, and deeper than a line: somebody who stands
-        there. Such a place must have been found twice after a long time.
+        What stands this close beside a place while it is free is an echo of it: poses of different passes disagree by
+        a decimetre or two in most logs.
     hinge_m : float, metres
         Places this close may share a hinge.
     hinge_bonus : float
@@ -171,8 +162,9 @@ class EvidenceConfig:
         Log odds lost per e-fold by which the sizes of two places differ, beyond a third.
     within_m : float, metres
         Farther apart, places are not compared.
-    max_conflict : float
-        Evidence for two places of one thing being occupied at once, at most.
+    max_conflict, conflict_share : float
+        Evidence for two places of one thing being occupied at once, at most: so much, or so much per evidence that
+        the thing moved. People stand in doorways.
     link_above, grow_above : float
         Log odds from which on places are of one thing, and may be part of a thing with more places.
     max_states : int
@@ -191,33 +183,24 @@ class EvidenceConfig:
     piece_m: float = 0.12
     smallest_m: float = 0.3
     face_m: float = 0.11
+    fragment_m: float = 0.5
     seen_share: float = 0.3
     least_stay_s: float = 0.5
     long_stay_s: float = 20.0
-    long_duty: float = 0.15
-    long_seen_s: float = 2.0
-    short_duty: float = 0.15
-    short_seen_s: float = 1.0
-    short_leak: float = 0.1
-    short_together: float = 0.95
+    least_duty: float = 0.05
+    doubt_above: float = -1.0
+    place_above: float = 0.2
+    once_doubt: float = 3.0
     together: float = 0.85
     ring_m: float = 0.15
-    leak: float = 0.4
     echo_m: float = 0.25
-    echo: float = 0.5
-    once_doubt: float = 0.1
-    once_seen_s: float = 4.0
-    wall_duty: float = 0.93
-    wall_free_s: float = 3.0
-    round_radius_m: float = 0.4
-    round_error_m: float = 0.03
-    round_depth_m: float = 0.05
     hinge_m: float = 0.3
     hinge_bonus: float = 3.0
     distance_cost: float = 0.5
     size_cost: float = 2.0
     within_m: float = 4.0
     max_conflict: float = 0.5
+    conflict_share: float = 0.3
     link_above: float = 0.0
     grow_above: float = -2.0
     max_states: int = 5
@@ -229,12 +212,11 @@ class EvidenceConfig:
         for name in ("dwell_s", "worth_s", "reach_m", "within_m"):
             require(0 < getattr(self, name) < math.inf, name, getattr(self, name), "a number above 0")
         for name, value in vars(self).items():
-            if name in ("alike_above", "grow_above"):
+            if name in ("alike_above", "grow_above", "doubt_above", "place_above"):
                 require(math.isfinite(value), name, value, "a number")
             else:
                 require(0 <= value < math.inf, name, value, "a number, 0 or more")
-        shares = "seen_share", "long_duty", "short_duty", "together", "short_together", "wall_duty", "static_share"
-        for name in (*shares, "echo"):
+        for name in ("seen_share", "least_duty", "together", "conflict_share", "static_share"):
             require(getattr(self, name) <= 1, name, getattr(self, name), "a share from 0 to 1")
         require(2 <= self.max_states <= 8, "max_states", self.max_states, "from 2 to 8")
 

@@ -145,8 +145,8 @@ def test_who_passes_leaves_no_place() -> None:
 CRATE = box(0.5, 1.0, 0.6, 0.05)  # the side of it
 
 
-def test_what_stands_once_for_8_s_is_no_place_and_for_a_minute_is_one() -> None:
-    for seconds, wanted in ((8.0, []), (60.0, [CRATE])):
+def test_what_stands_once_for_4_s_is_no_place_and_for_a_minute_is_one() -> None:
+    for seconds, wanted in ((4.0, []), (60.0, [CRATE])):
         course = [(15.0, WALL, []), (seconds, WALL + CRATE, []), (15.0, WALL, [])]
         assert cells_by_place(found_in(course)) == wanted
 
@@ -167,10 +167,9 @@ def arc(radius_m: float) -> Cells:
     return sorted({(math.floor(b / 0.05), math.floor(a / 0.05)) for a, b in zip(x, y, strict=True)})
 
 
-def test_somebody_round_who_stands_there_once_is_no_place_but_who_comes_back_is_one() -> None:
+def test_somebody_round_who_stands_there_once_for_seconds_is_no_place_but_who_stays_and_comes_back_is_one() -> None:
+    assert cells_by_place(found_in([(90.0, WALL, []), (6.0, WALL + arc(0.25), []), (90.0, WALL, [])])) == []
     once = [(30.0, WALL, []), (30.0, WALL + arc(0.25), []), (30.0, WALL, [])]
-    assert cells_by_place(found_in(once)) == []
-    assert cells_by_place(found_in(once, EvidenceConfig(round_radius_m=0.1))) == [arc(0.25)]
     assert cells_by_place(found_in(once * 2)) == [arc(0.25)]
 
 
@@ -187,23 +186,24 @@ def passes() -> Course:
 def test_two_faces_of_a_leaf_that_are_seen_in_different_passes_are_one_place() -> None:
     found = found_in(passes() * 2)
     assert cells_by_place(found) == [BOTH_FACES]
-    # Not joined, each is hit right beside the other as if in a crowd.
-    assert cells_by_place(found_in(passes() * 2, EvidenceConfig(face_m=0.0))) == []
+    assert cells_by_place(found_in(passes() * 2, EvidenceConfig(face_m=0.0))) == FACES
 
 
 def test_places_that_contradict_each_other_are_no_faces_of_one_thing_but_a_wall_seen_displaced() -> None:
     course = [(20.0, WALL + FACES[0], []), (20.0, WALL + FACES[1], [])] * 3
     assert cells_by_place(found_in(course)) == []
-    assert cells_by_place(found_in(course, EvidenceConfig(echo=1.0))) == FACES
+    assert len(found_in(course, EvidenceConfig(echo_m=0.0)).configurations) == 1  # the likelier of the two
     far = [(row + 6, col) for row, col in FACES[0]]  # 0.3 m away, a thing of its own
     course = [(20.0, WALL + FACES[0], []), (20.0, WALL + far, [])] * 3
     assert cells_by_place(found_in(course)) == [FACES[0], far]
 
 
 def test_what_changed_once_must_have_been_seen_for_a_while_in_both_states() -> None:
-    for seconds, wanted in ((3.0, []), (30.0, [CRATE])):
-        course = [(60.0, WALL + CRATE, []), (seconds, WALL, [])]
-        assert cells_by_place(found_in(course, EvidenceConfig(wall_free_s=0.0, wall_duty=1.0))) == wanted
+    leaf = box(0.5, 1.0, 0.9, 0.05)
+    for seconds, wanted in ((3.0, []), (30.0, [leaf])):
+        course = [(60.0, WALL + leaf, []), (seconds, WALL, [])]
+        assert cells_by_place(found_in(course)) == wanted
+    assert cells_by_place(found_in(course, EvidenceConfig(once_doubt=6.0))) == []
 
 
 def test_a_wall_with_stray_free_readings_is_static_and_no_place() -> None:
@@ -374,7 +374,7 @@ def test_cells_of_5_and_of_10_cm_give_the_same_answer() -> None:
     assert answers[0][1] == [[1, 2], [3]]
 
 
-MAY_BE_NEGATIVE = ("alike_above", "grow_above")
+MAY_BE_NEGATIVE = ("alike_above", "grow_above", "doubt_above", "place_above")
 SETTINGS = [field.name for field in dataclasses.fields(EvidenceConfig)]
 
 
@@ -390,7 +390,7 @@ def test_settings_out_of_range_are_refused_by_their_name(name, value) -> None:
 
 @pytest.mark.parametrize(
     "name",
-    [*(n for n in SETTINGS if n.endswith(("_share", "_duty"))), "together", "short_together", "echo", "max_states"],
+    [*(n for n in SETTINGS if n.endswith(("_share", "_duty"))), "together", "max_states"],
 )
 def test_shares_above_1_and_too_many_states_are_refused_by_their_name(name) -> None:
     with pytest.raises(ConfigError, match=rf"^{name} = "):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import combinations, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from tempog.analysis.configurations import Period
 from tempog.analysis.evidence.places import Place
+from tempog.analysis.evidence.shape import hinges, near_odds
 from tempog.analysis.series_kernels import connect
 from tempog.methods import EvidenceConfig
 from tempog.times import NS_PER_S
 
 ELSEWHERE = 0.03  # share of stretches in which a thing is in none of the places it is known in
-TWICE = 0.003  # ... in which two of them are occupied: somebody stands in the open door
+TWICE = 0.02  # ... in which two of them are occupied: somebody stands in the open door
 MAX_TRIES = 20_000  # of the exact choice among overlapping sets, per neighbourhood; then the best found so far
 MAX_SETS = 3_000  # of one size
 FEW_SETS = 200  # among which every choice is made again as a whole
@@ -48,8 +49,10 @@ class ChosenSet(NamedTuple):
 def associate_places(places: Sequence[Place], settings: EvidenceConfig) -> list[ChosenSet]:
     """The sets of places that are best explained as those of one thing each; no place is in two of them.
 
-    The log odds of a set are the sum over its pairs: of exclusion in time, see `exclusion`, and of shape, see
-    `shape_odds`. Of sets that share places, the disjoint ones with the largest sum are chosen, exactly where a
+    What is doubtful as a place counts against a set: the link must outweigh what its traits say.
+
+    For the log odds of a set see `Links.log_odds`, for those of a pair `exclusion` and `shape.py`.
+    Of sets that share places, the disjoint ones with the largest sum are chosen, exactly where a
     neighbourhood is small.
     """
     from scipy.spatial import cKDTree
@@ -57,50 +60,93 @@ def associate_places(places: Sequence[Place], settings: EvidenceConfig) -> list[
     if len(places) < 2:
         return []
     tree = cKDTree([place.centre_m for place in places])
-    weight: dict[tuple[int, int], float] = {}
+    links = Links({}, {}, {})
     friends: dict[int, set[int]] = {}
     for i, j in sorted(map(tuple, tree.query_pairs(settings.within_m, output_type="ndarray").tolist())):
-        odds, conflict = exclusion(places[i].periods, places[j].periods, settings.worth_s)
-        odds += shape_odds(places[i], places[j], settings)
+        odds, evidence = exclusion(places[i].periods, places[j].periods, settings.worth_s)
+        shape = links.add_shape(i, j, places, settings)
+        conflict, moves = evidence[1, 1], min(evidence[0, 1], evidence[1, 0])
         # Two of three places say little by themselves: the thing was in the third for much of the time.
-        if conflict <= settings.max_conflict and odds > settings.grow_above:
-            weight[i, j] = odds
+        if conflict <= max(settings.max_conflict, settings.conflict_share * moves) and (
+            odds > settings.grow_above and odds + shape > settings.grow_above
+        ):
+            links.in_time[i, j] = odds
             friends.setdefault(i, set()).add(j)
             friends.setdefault(j, set()).add(i)
-    sets: dict[tuple[int, ...], float] = dict(weight.items())
-    found = _above(settings.link_above, sets)
-    for _ in range(3, settings.max_states + 1):
-        larger: dict[tuple[int, ...], float] = {}
-        for members, odds in sorted(sets.items(), key=lambda one: -one[1])[:MAX_SETS]:
-            for another in set.intersection(*(friends[i] for i in members)):
-                if another > members[-1]:
-                    larger[*members, another] = odds + sum(weight[i, another] for i in members)
-        sets = larger
-        found += _above(settings.link_above, sets)
+    sets: list[tuple[int, ...]] = list(links.in_time)
+    found = []
+    for _ in range(2, settings.max_states + 1):
+        odds_of = {
+            members: links.log_odds(members, settings)
+            + sum(min(0.0, places[i].log_odds - settings.place_above) for i in members)
+            for members in sets
+        }
+        found += [PlaceSet(*one) for one in odds_of.items() if one[1] > settings.link_above]
+        best = sorted(odds_of, key=lambda members: -odds_of[members])[:MAX_SETS]
+        sets = [
+            (*members, another)
+            for members in best
+            for another in sorted(set.intersection(*(friends[i] for i in members)))
+            if another > members[-1]
+        ]
     return [chosen for part in _neighbourhoods(found) for chosen in with_rivals(best_disjoint(part), part)]
 
 
-def _above(odds: float, sets: dict[tuple[int, ...], float]) -> list[PlaceSet]:
-    return [PlaceSet(*one) for one in sets.items() if one[1] > odds]
+class Links(NamedTuple):
+    """What speaks for pairs of places being of one thing: in time, by shape, and which share which hinge."""
+
+    in_time: dict[tuple[int, int], float]
+    by_shape: dict[tuple[int, int], float]
+    around_hinge: dict[tuple[int, int], set[int]]  # by place and end of it
+
+    def add_shape(self, i: int, j: int, places: Sequence[Place], settings: EvidenceConfig) -> float:
+        """Log odds by shape of one more pair: a common hinge, or near, and about as large."""
+        place, other = places[i], places[j]
+        about = [(i, k, j) for k in hinges(place.line, other.line)] + [
+            (j, k, i) for k in hinges(other.line, place.line)
+        ]
+        for a, k, b in about:
+            self.around_hinge.setdefault((a, k), set()).add(b)
+        odds = settings.hinge_bonus
+        if not about:
+            odds = near_odds(place.points_map, other.points_map, place.size_m / other.size_m, settings)
+        self.by_shape[i, j] = odds
+        return odds
+
+    def log_odds(self, members: tuple[int, ...], settings: EvidenceConfig) -> float:
+        """Of a set of places being those of one thing.
+
+        In time, the sum over its pairs. By shape, the mean of the pairs, once for each place but the first; or as
+        much for each as a hinge counts that all of them share.
+        """
+        pairs = list(combinations(members, 2))
+        by_shape = sum(self.by_shape[pair] for pair in pairs) / len(pairs)
+        if any(
+            self.around_hinge.get((i, k), set()).issuperset(j for j in members if j != i)
+            for i in members
+            for k in (0, 1)
+        ):
+            by_shape = max(by_shape, settings.hinge_bonus)
+        return sum(self.in_time[pair] for pair in pairs) + (len(members) - 1) * by_shape
 
 
-def exclusion(course: Sequence[Period], other: Sequence[Period], worth_s: float) -> tuple[float, float]:
-    """Log odds for one thing that is in one of two places at a time, against a thing for each; and conflict.
+def exclusion(course: Sequence[Period], other: Sequence[Period], worth_s: float) -> tuple[float, NDArray[np.float64]]:
+    """Log odds for one thing that is in one of two places at a time, against a thing for each; and `joint_periods`.
 
     One thing is in either place with that place's share of the time, elsewhere for the rest, and hardly ever in
-    both. Two things are in theirs independently. Conflict is the evidence for both being occupied at once.
+    both. Two things are in theirs independently.
 
     Examples
     --------
     >>> def course(*states):
     ...     return [Period(10**10 * k, 10**10 * (k + 1), state) for k, state in enumerate(states)]
     >>> closed = course("occupied", "free", "occupied", "free")
-    >>> odds, conflict = exclusion(closed, course("free", "occupied", "free", "occupied"), worth_s=1.0)
-    >>> odds > 2, conflict
-    (True, 0.0)
-    >>> odds, conflict = exclusion(closed, closed, worth_s=1.0)
-    >>> odds < 0, round(conflict, 2)
-    (True, 2.0)
+    >>> odds, evidence = exclusion(closed, course("free", "occupied", "free", "occupied"), worth_s=1.0)
+    >>> odds > 2, evidence.round().tolist()
+    (True, [[0.0, 2.0], [2.0, 0.0]])
+    >>> odds, evidence = exclusion(closed, closed, worth_s=1.0)
+    >>> odds < 0, evidence.round().tolist()
+    (True, [[2.0, 0.0], [0.0, 2.0]])
     """
     evidence = joint_periods(course, other, worth_s)
     total = evidence.sum() + 1
@@ -108,7 +154,7 @@ def exclusion(course: Sequence[Period], other: Sequence[Period], worth_s: float)
     scale = max(1.0, float(first + second) / (1 - ELSEWHERE))
     one = np.array([[max(1 - (first + second) / scale, ELSEWHERE), second / scale], [first / scale, TWICE]])
     two = np.outer([1 - first, first], [1 - second, second])
-    return float((evidence * np.log(one / two)).sum()), float(evidence[1, 1])
+    return float((evidence * np.log(one / two)).sum()), evidence
 
 
 def joint_periods(
@@ -146,17 +192,6 @@ def joint_periods(
     if lasted_s:
         evidence[current] += 1 - math.exp(-lasted_s / worth_s)
     return evidence
-
-
-def shape_odds(place: Place, other: Place, settings: EvidenceConfig) -> float:
-    """Log odds by shape that two places are of one thing: a common hinge, or near, and about as large."""
-    apart_m = _apart_m(place.points_map, other.points_map)
-    odds = settings.hinge_bonus if apart_m <= settings.hinge_m else -settings.distance_cost * apart_m
-    return odds - settings.size_cost * max(0.0, abs(math.log(place.size_m / other.size_m)) - 0.3)
-
-
-def _apart_m(points: NDArray[np.float64], others: NDArray[np.float64]) -> float:
-    return float(np.sqrt(((points[:, None] - others[None]) ** 2).sum(axis=-1).min()))
 
 
 def _neighbourhoods(sets: Sequence[PlaceSet]) -> list[list[PlaceSet]]:

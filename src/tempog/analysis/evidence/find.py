@@ -28,7 +28,7 @@ from tempog.times import NS_PER_S
 HYPOTHESIS_ODDS = 0.0  # log odds: as likely as not
 LOOK_WORTH_S = 0.3  # s; scanners on robots look at least so often, mostly ten times a second
 HIDDEN_LOOKS = 2.0  # times its size: how far from a place `hidden_places` looks, at most
-OBSERVED_TIMES = ("worth_s", "least_stay_s", "long_seen_s", "short_seen_s", "once_seen_s", "wall_free_s")
+OBSERVED_TIMES = ("worth_s", "least_stay_s")
 
 
 def find_by_evidence(
@@ -44,7 +44,7 @@ def find_by_evidence(
         known.begin((settings, look, history.tiles.spec.resolution_m, block_tiles))
     states = cell_states(history, settings, known, block_tiles, look)
     places = find_places(states, group_cells(states, settings, known), settings, known)
-    sets = associate_places(places, settings)
+    places, sets = without_doubtful(places, associate_places(places, settings), settings)
     several = {i for one in sets for i in one.members}
     hidden = _hidden(states, places, [k for k in range(len(places)) if k not in several], settings, known)
     sets += [ChosenSet((one.of, len(places) + k), HYPOTHESIS_ODDS, HYPOTHESIS_ODDS) for k, one in enumerate(hidden)]
@@ -52,6 +52,20 @@ def find_by_evidence(
     configurations = [_configuration(k + 1, place, states, k >= n_seen) for k, place in enumerate(places)]
     walls = _classes(history, states, places, settings)
     return walls, configurations, _objects(sets, places, configurations)
+
+
+def without_doubtful(
+    places: list[Place], sets: list[ChosenSet], settings: EvidenceConfig
+) -> tuple[list[Place], list[ChosenSet]]:
+    """Without places that neither their traits nor a link speak for; and the sets, in the new numbers."""
+    several = {i for one in sets for i in one.members}
+    kept = [i for i, place in enumerate(places) if i in several or place.log_odds > settings.place_above]
+    new = {i: k for k, i in enumerate(kept)}
+    renumbered = [
+        one._replace(members=tuple(new[i] for i in one.members), rivals=tuple(new[i] for i in one.rivals if i in new))
+        for one in sets
+    ]
+    return [places[i] for i in kept], renumbered
 
 
 def steady_look_ns(history: History) -> int:

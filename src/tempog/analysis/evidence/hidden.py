@@ -40,17 +40,12 @@ def hidden_places(
     """
     found = []
     for k in alone:
-        if LEAF_M[0] <= places[k].size_m <= LEAF_M[1] and _depth_m(places[k]) <= STRAIGHT_M:
+        if LEAF_M[0] <= places[k].size_m <= LEAF_M[1] and places[k].line.depth_m <= STRAIGHT_M:
             cells = _behind(states, places[k], settings)
             lines = sorted(_lines(states, cells, places[k]), key=lambda line: -line[0])
             if lines:
                 found.append(Hidden(k, measure(states, np.sort(lines[0][1]), settings)))
     return found
-
-
-def _depth_m(place: Place) -> float:
-    centred = place.points_map - place.points_map.mean(axis=0)
-    return math.sqrt(max(float(np.linalg.eigvalsh(centred.T @ centred / len(centred))[0]), 0.0))
 
 
 def _behind(states: CellStates, place: Place, settings: EvidenceConfig) -> NDArray[np.int64]:

@@ -14,9 +14,16 @@ from numpy.typing import NDArray
 
 from tempog.analysis.configurations import Period
 from tempog.analysis.evidence.known import Known, recalled
+from tempog.analysis.evidence.scorecard import Traits, place_odds
+from tempog.analysis.evidence.shape import Line, fit_line
 from tempog.analysis.evidence.states import CellStates
 from tempog.methods import EvidenceConfig
 from tempog.times import NS_PER_S
+
+# Shares of the smaller group's cells that lie along the other:
+FACE = 0.5  # the far face of a leaf may be seen in part
+SAME_PLACE = 0.8  # all of them but for an end: one place, seen twice
+FRAGMENT = 0.2  # the short side of a box, at its corner
 
 
 class Stay(NamedTuple):
@@ -50,6 +57,8 @@ class Place:
         The state of most of the cells seen, while enough of them were; gaps are times without.
     stays : tuple of Stay
         Of a minimal observed time.
+    log_odds : float
+        That it is a place, and not people or a wall seen displaced; see `place_odds`.
     """
 
     cells: NDArray[np.int64]
@@ -57,6 +66,7 @@ class Place:
     periods: tuple[Period, ...]
     stays: tuple[Stay, ...]
     resolution_m: float
+    log_odds: float = 0.0
 
     @cached_property
     def centre_m(self) -> tuple[float, float]:
@@ -68,6 +78,11 @@ class Place:
     def size_m(self) -> float:
         """Corner to corner of the rectangle around its cells, along the axes of the lattice."""
         return float(np.hypot(*(np.ptp(self.points_map, axis=0) + self.resolution_m)))
+
+    @cached_property
+    def line(self) -> Line:
+        """The straight line that fits its cells best."""
+        return fit_line(self.points_map, self.resolution_m)
 
     @cached_property
     def occupied(self) -> tuple[Stay, ...]:
@@ -102,22 +117,52 @@ class Place:
 def find_places(
     states: CellStates, groups: Sequence[NDArray[np.int64]], settings: EvidenceConfig, known: Known | None = None
 ) -> list[Place]:
-    """The groups that behave like a leaf or a box: still there after a long time or found again, all at once, alone.
+    """The groups that are likelier to be places of a leaf or a box than `doubt_above`.
 
     Sorted by the row, then column, of the first cell.
     """
+    judged = (
+        replace(place, log_odds=place_odds(traits) - (settings.once_doubt if place.n_changes == 1 else 0.0))
+        for place, traits in candidates(states, groups, settings, known)
+    )
+    places = without_doubles([place for place in judged if place.log_odds > settings.doubt_above], settings.face_m)
+    return sorted(places, key=lambda place: int(place.cells[0]))
+
+
+def candidates(
+    states: CellStates, groups: Sequence[NDArray[np.int64]], settings: EvidenceConfig, known: Known | None = None
+) -> list[tuple[Place, Traits]]:
+    """Groups, faces joined, that change as a whole and are large enough; and what is known of each."""
     large = [group for group in groups if _reach_m(states, group) >= settings.piece_m]
     measured: dict[int, Place] = {}
     for k in by_block(states, large):
         measured[k] = _measured(states, large[k], settings, known)
     pieces = [measured[k] for k in range(len(large)) if _may_be_part(measured[k], settings)]
-    joined = join_faces(states, pieces, settings, known)
-    places = [
-        joined[k]
-        for k in by_block(states, [one.cells for one in joined])
-        if _is_place(states, joined[k], settings, known)
+    comes_back = np.zeros(len(states.rows), dtype=np.bool_)
+    for piece in pieces:
+        if _comes_back(piece, settings):
+            comes_back[piece.cells] = True
+    joined = [
+        place
+        for place in join_faces(states, pieces, settings, known)
+        if place.size_m >= settings.smallest_m and place.n_changes
     ]
-    return sorted(places, key=lambda place: int(place.cells[0]))
+    return [
+        (joined[k], _traits(states, joined[k], comes_back, settings, known))
+        for k in by_block(states, [one.cells for one in joined])
+    ]
+
+
+def without_doubles(places: Sequence[Place], face_m: float) -> list[Place]:
+    """Of places that lie along each other, the likelier: poses that drift show one place in two."""
+    doubled: set[int] = set()
+    ranked = sorted(range(len(places)), key=lambda k: (-places[k].log_odds, int(places[k].cells[0])))
+    rank = {k: n for n, k in enumerate(ranked)}
+    pairs = [(i, j) if rank[i] < rank[j] else (j, i) for i, j in _close_pairs(places, face_m)]
+    for better, worse in sorted(pairs, key=lambda pair: (rank[pair[0]], rank[pair[1]])):
+        if doubled.isdisjoint((better, worse)) and _share_along(places[better], places[worse], face_m) >= SAME_PLACE:
+            doubled.add(worse)
+    return [place for k, place in enumerate(places) if k not in doubled]
 
 
 def by_block(states: CellStates, groups: Sequence[NDArray[np.int64]]) -> list[int]:
@@ -126,7 +171,7 @@ def by_block(states: CellStates, groups: Sequence[NDArray[np.int64]]) -> list[in
 
 
 def looks_m(settings: EvidenceConfig) -> float:
-    """How far from a place `is_place` looks, at most: what has not changed within, it need not be asked again."""
+    """How far from a place `traits_of` looks, at most: what has not changed within, it need not be asked again."""
     return max(settings.ring_m, settings.echo_m)
 
 
@@ -136,12 +181,16 @@ def _measured(states: CellStates, cells: NDArray[np.int64], settings: EvidenceCo
     return replace(place, cells=cells)
 
 
-def _is_place(states: CellStates, place: Place, settings: EvidenceConfig, known: Known | None) -> bool:
+def _traits(
+    states: CellStates, place: Place, comes_back: NDArray[np.bool_], settings: EvidenceConfig, known: Known | None
+) -> Traits:
+    """As `traits_of`, or as they were before."""
+
     def key() -> bytes:
         around = states.around(place.cells, math.ceil(looks_m(settings) / states.resolution_m) + 1)
-        return states.digest("place", place.cells, around)
+        return states.digest("place", place.cells, around) + np.packbits(comes_back[around]).tobytes()
 
-    return recalled(known, key, lambda: is_place(states, place, settings))
+    return recalled(known, key, lambda: traits_of(states, place, comes_back, settings))
 
 
 def measure(states: CellStates, cells: NDArray[np.int64], settings: EvidenceConfig) -> Place:
@@ -181,62 +230,35 @@ def _reach_m(states: CellStates, cells: NDArray[np.int64]) -> float:
 
 def _may_be_part(piece: Place, settings: EvidenceConfig) -> bool:
     """Whether a group can be a face of a place; the rest is asked of the whole place."""
-    if not piece.occupied or not piece.free:
-        return False
+    return bool(piece.occupied and piece.free) and piece.together(piece.occupied) >= settings.together
+
+
+def _comes_back(piece: Place, settings: EvidenceConfig) -> bool:
+    """Whether something stood in a group for long, or repeatedly: it is no person, for all that is known so far."""
     again = piece.n_long(settings.long_stay_s) >= 1 or len(piece.occupied) >= 2
-    least_duty = min(settings.long_duty, settings.short_duty) / 2
-    return again and piece.duty >= least_duty and piece.together(piece.occupied) >= settings.together
+    return again and piece.duty >= settings.least_duty
 
 
-def is_place(states: CellStates, place: Place, settings: EvidenceConfig) -> bool:
-    """Whether a group behaves like a thing that comes and goes, rather than like people or a wall."""
-    if place.size_m < settings.smallest_m or not place.n_changes:
-        return False
-    if min(place.together(place.occupied), place.together(place.free)) < settings.together:
-        return False
-    free_s = sum(stay.observed_s for stay in place.free)
-    if place.duty > settings.wall_duty and (len(place.free) < 2 or free_s < settings.wall_free_s):
-        return False
-    n_long = place.n_long(settings.long_stay_s)
-    if n_long < 2 and is_round(place.points_map, settings):
-        return False
-    seen_s = sum(stay.observed_s for stay in place.occupied) / len(place.occupied)
-    long = n_long >= 1 and place.duty >= settings.long_duty and seen_s >= settings.long_seen_s
-    echoes, leaks = echo(states, place, settings), leak(states, place, settings)
-    if echoes > settings.echo:
-        return False
-    if place.n_changes == 1:
-        observed_s = min(stay.observed_s for stay in place.stays)
-        if max(echoes, leaks) > settings.once_doubt or observed_s < settings.once_seen_s:
-            return False
-    if long and leaks <= settings.leak:
-        return True
-    alone = leaks <= settings.short_leak and place.together(place.occupied) >= settings.short_together
-    return (
-        alone and len(place.occupied) >= 2 and place.duty >= settings.short_duty and seen_s >= settings.short_seen_s
+def traits_of(states: CellStates, place: Place, comes_back: NDArray[np.bool_], settings: EvidenceConfig) -> Traits:
+    """What tells a place from people, and from walls that were seen displaced."""
+    return Traits(
+        duty=place.duty,
+        free_worth=sum(stay.observed_s for stay in place.free) / settings.worth_s,
+        leak=leak(states, place, comes_back, settings),
+        echo=echo(states, place, settings),
+        together=place.together(place.occupied),
+        n_occupied=len(place.occupied),
+        n_long=place.n_long(settings.long_stay_s),
+        depth_m=place.line.depth_m,
+        size_m=place.size_m,
     )
 
 
-def is_round(points_map: NDArray[np.float64], settings: EvidenceConfig) -> bool:
-    """Whether points lie on a part of a small circle, deeper than a line: the near side of somebody.
-
-    The circle is Kasa's (1976): least squares of ``x² + y² = 2 a x + 2 b y + c``.
-    """
-    points = points_map - points_map.mean(axis=0)
-    depth_m = math.sqrt(max(float(np.linalg.eigvalsh(points.T @ points / len(points))[0]), 0.0))
-    if depth_m <= settings.round_depth_m:
-        return False
-    terms = np.column_stack([2 * points, np.ones(len(points))])
-    (a, b, c), *_ = np.linalg.lstsq(terms, (points**2).sum(axis=1), rcond=None)
-    radius_m = math.sqrt(max(float(c + a * a + b * b), 0.0))
-    error_m = float(np.sqrt(((np.hypot(*(points - (a, b)).T) - radius_m) ** 2).mean()))
-    return radius_m < settings.round_radius_m and error_m < settings.round_error_m
-
-
-def leak(states: CellStates, place: Place, settings: EvidenceConfig) -> float:
+def leak(states: CellStates, place: Place, comes_back: NDArray[np.bool_], settings: EvidenceConfig) -> float:
     """While the place was occupied: time of hits in the ring around it, per time of hits in it.
 
-    Cells that were never free, walls beside the place, are not counted.
+    A leaf's ring is empty; people fill theirs. Not counted are cells that were never free, walls beside the place,
+    and those of other things that come back, such as the part at the hinge that another place of the leaf shares.
     """
     from scipy.spatial import cKDTree
 
@@ -245,6 +267,7 @@ def leak(states: CellStates, place: Place, settings: EvidenceConfig) -> float:
     cells, others = (np.stack([states.rows[of], states.cols[of]], axis=-1) for of in (place.cells, around))
     apart, _ = cKDTree(cells).query(others, p=np.inf, distance_upper_bound=reach + 0.5)
     ring = around[(apart > 0) & (apart <= reach) & (states.evidence[around, 0] >= settings.least_evidence)]
+    ring = ring[~comes_back[ring]]
     spells = [(stay.start_ns, stay.stop_ns) for stay in place.occupied]
     in_ring, inside = (
         float(states.seconds_during(which, spells, smoothed=False)[:, 1].sum()) for which in (ring, place.cells)
@@ -298,10 +321,15 @@ def join_faces(
 
     for i, j in _close_pairs(pieces, settings.face_m):
         a, b = owner(i), owner(j)
-        if a == b or not _along(whole[a], whole[b], settings.face_m):
+        if a == b:
+            continue
+        along = _share_along(whole[a], whole[b], settings.face_m)
+        small = min(whole[a].size_m, whole[b].size_m) <= settings.fragment_m
+        if along < (FRAGMENT if small else FACE):
             continue
         evidence = joint_periods(whole[a].periods, whole[b].periods, settings.worth_s, one_at_a_time=False)
-        if evidence[1, 1] >= 0.5 and evidence[0, 1] + evidence[1, 0] <= 0.1 * evidence.sum():
+        agree = evidence[1, 1] >= 0.5 and (along >= FACE or evidence[0, 0] >= 0.5)
+        if (agree or along >= SAME_PLACE) and evidence[0, 1] + evidence[1, 0] <= 0.1 * evidence.sum():
             cells = np.sort(np.concatenate([whole[a].cells, whole[b].cells]))
             whole[a] = _measured(states, cells, settings, known)
             del whole[b]
@@ -324,14 +352,14 @@ def _close_pairs(pieces: Sequence[Place], face_m: float) -> list[tuple[int, int]
     return sorted({(min(i, j), max(i, j)) for i, others in enumerate(near) for j in others if i != j})
 
 
-def _along(place: Place, other: Place, face_m: float) -> bool:
-    """Whether half the cells of the smaller are within two faces' distance of the other, and one within one."""
+def _share_along(place: Place, other: Place, face_m: float) -> float:
+    """Share of the smaller one's cells within two faces' distance of the other; 0 if none is within one."""
     from scipy.spatial import cKDTree
 
     small, large = sorted((place.points_map, other.points_map), key=len)
     if np.any(small.min(axis=0) - large.max(axis=0) > face_m) or np.any(
         large.min(axis=0) - small.max(axis=0) > face_m
     ):
-        return False
+        return 0.0
     apart_m, _ = cKDTree(large).query(small)
-    return bool(apart_m.min() <= face_m and np.mean(apart_m <= 2 * face_m) >= 0.5)
+    return float(np.mean(apart_m <= 2 * face_m)) if apart_m.min() <= face_m else 0.0

@@ -6,12 +6,13 @@ blocks can be worked out in any order and anywhere: `look_at_block` takes arrays
 
 from __future__ import annotations
 
+from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tempog.analysis.evidence.courses import BlockCourses, Courses, smoothed_courses
+from tempog.analysis.evidence.courses import HELD_PERIODS, BlockCourses, Courses, HeldCourses, smoothed_courses
 from tempog.analysis.evidence.grouping import likelihood_ratios, pairs_within
 from tempog.analysis.evidence.kernels import add_content, joint_evidence, state_evidence
 from tempog.analysis.evidence.known import Known, digest
@@ -102,7 +103,8 @@ def cell_states(
     intervals = Intervals.of(history, look_ns)
     content = cell_content(history) if known is not None else np.zeros(history.tiles.n_cells, dtype=np.uint64)
     layout = _lay_out(history, content, block_tiles * TILE, settings)
-    found = _look_at_blocks(layout, intervals, settings, known)
+    held: dict[int, Courses] = {}
+    found = _look_at_blocks(layout, intervals, settings, known, held)
 
     def load(block: int) -> Courses:
         return smoothed_courses(intervals, layout.numbers[layout.members[block]], settings)
@@ -122,7 +124,7 @@ def cell_states(
         seconds,
         layout.block_of,
         _alike(found, layout.rows, layout.cols),
-        BlockCourses(layout.block_of, place_of, n_periods, load),
+        BlockCourses(layout.block_of, place_of, n_periods, load, held),
         layout.content,
     )
 
@@ -173,14 +175,27 @@ def _lay_out(history: History, content: NDArray[np.uint64], side: int, settings:
 
 
 def _look_at_blocks(
-    layout: _Layout, intervals: Intervals, settings: EvidenceConfig, known: Known | None
+    layout: _Layout,
+    intervals: Intervals,
+    settings: EvidenceConfig,
+    known: Known | None,
+    held: dict[int, Courses],
 ) -> list[BlockEvidence]:
-    """What each block says, as it is known or worked out now."""
+    """What each block says, as it is known or worked out now; courses that were are put into `held`, if they fit."""
+    lock, n_held = Lock(), 0
 
     def look(block: int) -> BlockEvidence:
+        nonlocal n_held
         cells = layout.area(block)
         courses = smoothed_courses(intervals, layout.numbers[cells], settings)
-        places = (layout.rows[cells], layout.cols[cells], layout.block_of[cells] == block)
+        own = layout.block_of[cells] == block
+        n_periods = int(np.diff(courses.offsets)[own].sum())
+        with lock:
+            fits = n_held + n_periods <= HELD_PERIODS
+            n_held += n_periods * fits
+        if fits:
+            held[block] = HeldCourses(courses).of(np.flatnonzero(own))
+        places = (layout.rows[cells], layout.cols[cells], own)
         return look_at_block(courses, *places, layout.resolution_m, settings)
 
     blocks = range(len(layout.members))

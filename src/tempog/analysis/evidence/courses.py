@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -93,6 +93,8 @@ class BlockCourses:
     n_periods : (n_cells,) int64
     load : callable
         Gives the courses of all cells of a block.
+    held : dict
+        Courses of all cells of some blocks, which were loaded already.
     """
 
     def __init__(
@@ -101,13 +103,14 @@ class BlockCourses:
         place_of: NDArray[np.int64],
         n_periods: NDArray[np.int64],
         load: Callable[[int], Courses],
+        held: Mapping[int, Courses],
     ) -> None:
         self._block_of = block_of
         self._place_of = place_of
         self._n_periods = n_periods
         self._load = load
-        self._held: OrderedDict[int, Courses] = OrderedDict()
-        self._n_held = 0
+        self._held = OrderedDict(held)
+        self._n_held = sum(len(courses.state) for courses in held.values())
 
     def of(self, which: NDArray[np.int64]) -> Courses:
         """The courses of some cells, in the order asked for."""

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from tempog._jit import kernel
 
+SATURATED = 38.0  # times `worth_s`: a stretch that lasted so long counts for 1, to the last bit
+
 
 @kernel
 def smooth_states(
@@ -44,21 +46,21 @@ def smooth_states(
     came_from = np.zeros((longest + 1, 2), dtype=np.uint8)
     for i in range(n_series):
         first, end = offsets[i], offsets[i + 1]
-        free, occupied = 0.0, 0.0
+        ahead = 0.0  # by how much the likeliest course that ends occupied is ahead of the one that ends free; log
         for k in range(first, end):
             lasted_ns = stop_ns[k] - start_ns[k]
             looks = min(lasted_ns / look_ns, max(max_looks, lasted_ns * 1e-9 / errors_last_s))
             gain = looks * (for_hit if value[k] > occupied_above else for_free)
-            if k == first:
-                free, occupied = 0.0, gain
-                continue
-            between_s = (max(start_ns[k] - stop_ns[k - 1], 0) + look_ns) * 1e-9
-            changed = 0.5 * (1.0 - math.exp(-2.0 * between_s / dwell_s))
-            stay, switch = math.log(1.0 - changed), math.log(max(changed, 1e-300))
-            came_from[k - first, 0] = occupied + switch > free + stay
-            came_from[k - first, 1] = occupied + stay >= free + switch
-            free, occupied = max(free + stay, occupied + switch), max(occupied + stay, free + switch) + gain
-        best = np.uint8(occupied > free)
+            if k > first:
+                # The other course can switch: so none is farther ahead than a switch is less likely than staying.
+                between_s = (max(start_ns[k] - stop_ns[k - 1], 0) + look_ns) * 1e-9
+                kept = math.exp(-2.0 * between_s / dwell_s)
+                switch = math.log(max(1.0 - kept, 1e-300) / (1.0 + kept))
+                came_from[k - first, 0] = ahead > -switch
+                came_from[k - first, 1] = ahead >= switch
+                ahead = min(max(ahead, switch), -switch)
+            ahead += gain
+        best = np.uint8(ahead > 0.0)
         for k in range(end - 1, first - 1, -1):
             state[k] = best
             if k > first:
@@ -110,25 +112,86 @@ def joint_evidence(
     As `state_evidence`, over the time in which both were seen.
     left, right (n_pairs,) which series; evidence (n_pairs, 4)   [updated]
     """
+    one = np.uint64(1)
+    enough_ns = SATURATED * worth_s * 1e9
+    last_ns = np.empty_like(stop_ns)  # when the stretch of one state that a period is part of ends
+    for i in range(offsets.shape[0] - 1):
+        for k in range(offsets[i + 1] - 1, offsets[i] - 1, -1):
+            goes_on = k + 1 < offsets[i + 1] and state[k + 1] == state[k]
+            last_ns[k] = last_ns[k + 1] if goes_on else stop_ns[k]
     for pair in range(left.shape[0]):
-        a, a_end = offsets[left[pair]], offsets[left[pair] + 1]
-        b, b_end = offsets[right[pair]], offsets[right[pair] + 1]
-        current, lasted = -1, 0.0
+        # Unsigned: an index that may be negative costs a check, in the loop where most time goes.
+        a, a_end = np.uint64(offsets[left[pair]]), np.uint64(offsets[left[pair] + 1])
+        b, b_end = np.uint64(offsets[right[pair]]), np.uint64(offsets[right[pair] + 1])
+        current, lasted_ns = -1, 0
         while a < a_end and b < b_end:
-            common = min(stop_ns[a], stop_ns[b]) - max(start_ns[a], start_ns[b])
-            if common > 0:
+            common_ns = min(stop_ns[a], stop_ns[b]) - max(start_ns[a], start_ns[b])
+            if common_ns > 0:
                 joint = 2 * int(state[a]) + int(state[b])
                 if joint != current:
                     if current >= 0:
-                        evidence[pair, current] += 1.0 - math.exp(-lasted / worth_s)
-                    current, lasted = joint, 0.0
-                lasted += common * 1e-9
-            if stop_ns[a] <= stop_ns[b]:
-                a += 1
-            else:
-                b += 1
+                        evidence[pair, current] += 1.0 - math.exp(-1e-9 * lasted_ns / worth_s)
+                    current, lasted_ns = joint, 0
+                lasted_ns += common_ns
+                if lasted_ns > enough_ns:
+                    end_ns = min(last_ns[a], last_ns[b])
+                    while a < a_end and stop_ns[a] <= end_ns:
+                        a += one
+                    while b < b_end and stop_ns[b] <= end_ns:
+                        b += one
+                    continue
+            first = np.uint64(stop_ns[a] <= stop_ns[b])
+            a += first
+            b += one - first
         if current >= 0:
-            evidence[pair, current] += 1.0 - math.exp(-lasted / worth_s)
+            evidence[pair, current] += 1.0 - math.exp(-1e-9 * lasted_ns / worth_s)
+
+
+@kernel
+def sweep_group(
+    order: NDArray[np.int64],
+    start_ns: NDArray[np.int64],
+    stop_ns: NDArray[np.int64],
+    state: NDArray[np.uint8],
+    least_seen: float,
+    periods: NDArray[np.int64],
+    stays: NDArray[np.int64],
+    seconds: NDArray[np.float64],
+) -> tuple[int, int]:
+    """The course of a group: what most of its cells say while enough of them are seen; returns how many of each.
+
+    order (2 n,)                   sorts the n starts of periods of any of the cells, followed by their n stops
+    least_seen                     so many cells are enough
+    periods (3, capacity)          start, stop, state, without a gap in any   [written]
+    stays (3, capacity)            the same of stretches of one state, gaps and all   [written]
+    seconds (2, capacity)          for how long each stay was seen, and that times the share of cells that agreed
+    """
+    n = start_ns.shape[0]
+    seen, hit, n_periods, n_stays, since = 0, 0, 0, 0, np.int64(0)
+    for i in range(order.shape[0]):
+        starts = order[i] < n
+        k = order[i] if starts else order[i] - n
+        at = start_ns[k] if starts else stop_ns[k]
+        if at > since and seen >= least_seen:
+            occupied = np.int64(2 * hit > seen)
+            touches = n_periods > 0 and periods[1, n_periods - 1] == since
+            if not touches or periods[2, n_periods - 1] != occupied:
+                periods[0, n_periods], periods[2, n_periods] = since, occupied
+                n_periods += 1
+            periods[1, n_periods - 1] = at
+            if n_stays == 0 or stays[2, n_stays - 1] != occupied:
+                stays[0, n_stays], stays[2, n_stays] = since, occupied
+                seconds[0, n_stays] = seconds[1, n_stays] = 0.0
+                n_stays += 1
+            stays[1, n_stays - 1] = at
+            lasted_s = (at - since) * 1e-9
+            seconds[0, n_stays - 1] += lasted_s
+            seconds[1, n_stays - 1] += lasted_s * (hit if occupied else seen - hit) / seen
+        since = at
+        change = 1 if starts else -1
+        seen += change
+        hit += change * state[k]
+    return n_periods, n_stays
 
 
 @kernel

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tempog.analysis.configurations import Period
+from tempog.analysis.configurations import Period, PlaceState
+from tempog.analysis.evidence.kernels import sweep_group
 from tempog.analysis.evidence.known import Known, recalled
 from tempog.analysis.evidence.scorecard import Traits, place_odds
 from tempog.analysis.evidence.shape import Line, fit_line
@@ -20,6 +21,7 @@ from tempog.analysis.evidence.states import CellStates
 from tempog.methods import EvidenceConfig
 from tempog.times import NS_PER_S
 
+STATES: tuple[PlaceState, PlaceState] = ("free", "occupied")
 # Shares of the smaller group's cells that lie along the other:
 FACE = 0.5  # the far face of a leaf may be seen in part
 SAME_PLACE = 0.8  # all of them but for an end: one place, seen twice
@@ -136,7 +138,7 @@ def candidates(
     large = [group for group in groups if _reach_m(states, group) >= settings.piece_m]
     measured: dict[int, Place] = {}
     for k in by_block(states, large):
-        measured[k] = _measured(states, large[k], settings, known)
+        measured[k] = _measured(states, large[k], settings, known, pieces_only=True)
     pieces = [measured[k] for k in range(len(large)) if _may_be_part(measured[k], settings)]
     comes_back = np.zeros(len(states.rows), dtype=np.bool_)
     for piece in pieces:
@@ -175,9 +177,18 @@ def looks_m(settings: EvidenceConfig) -> float:
     return max(settings.ring_m, settings.echo_m)
 
 
-def _measured(states: CellStates, cells: NDArray[np.int64], settings: EvidenceConfig, known: Known | None) -> Place:
+def _measured(
+    states: CellStates,
+    cells: NDArray[np.int64],
+    settings: EvidenceConfig,
+    known: Known | None,
+    pieces_only: bool = False,
+) -> Place:
     """As `measure`, or as it was measured before: cells may have other indices by now."""
-    place = recalled(known, lambda: states.digest("piece", cells), lambda: measure(states, cells, settings))
+    purpose = "piece" if pieces_only else "whole"
+    place = recalled(
+        known, lambda: states.digest(purpose, cells), lambda: measure(states, cells, settings, pieces_only)
+    )
     return replace(place, cells=cells)
 
 
@@ -193,34 +204,29 @@ def _traits(
     return recalled(known, key, lambda: traits_of(states, place, comes_back, settings))
 
 
-def measure(states: CellStates, cells: NDArray[np.int64], settings: EvidenceConfig) -> Place:
-    """The course of a group's states: what most of its cells say while enough of them are seen."""
+def measure(
+    states: CellStates, cells: NDArray[np.int64], settings: EvidenceConfig, pieces_only: bool = False
+) -> Place:
+    """The course of a group's states: what most of its cells say while enough of them are seen.
+
+    With `pieces_only`, groups that cannot be part of a place get no periods: most groups are people, of many.
+    """
     _, start, stop, state = states.courses.of(cells).smoothed
-    times = np.concatenate([start, stop])
-    order = np.argsort(times, kind="stable")
-    times = times[order]
-    step = np.concatenate([np.ones(len(start), np.int64), -np.ones(len(stop), np.int64)])
-    seen = np.cumsum(step[order])[:-1]
-    hit = np.cumsum((step * np.concatenate([state, state]).astype(np.int64))[order])[:-1]
-    since, lasted_s = times[:-1], np.diff(times) / NS_PER_S
-    enough = (lasted_s > 0) & (seen >= max(1.0, settings.seen_share * len(cells)))
-    since, until, lasted_s, seen, hit = since[enough], times[1:][enough], lasted_s[enough], seen[enough], hit[enough]
-    occupied = 2 * hit > seen
-    agree_s = np.where(occupied, hit, seen - hit) / seen * lasted_s
-    changes = np.append(True, occupied[1:] != occupied[:-1]) if len(occupied) else np.empty(0, np.bool_)
-    breaks = changes.copy()
-    breaks[1:] |= since[1:] != until[:-1]
-    periods = tuple(
-        Period(int(since[a]), int(until[b - 1]), "occupied" if occupied[a] else "free")
-        for a, b in pairwise([*np.flatnonzero(breaks).tolist(), len(since)])
-    )
-    stays = []
-    for a, b in pairwise([*np.flatnonzero(changes).tolist(), len(since)]):
-        observed_s = float(lasted_s[a:b].sum())
-        if observed_s >= settings.least_stay_s:
-            together = float(agree_s[a:b].sum()) / observed_s
-            stays.append(Stay(bool(occupied[a]), int(since[a]), int(until[b - 1]), observed_s, together))
-    return Place(cells, states.points_map(cells), periods, tuple(stays), states.resolution_m)
+    order = np.argsort(np.concatenate([start, stop]), kind="stable")
+    periods, stays = np.empty((2, 3, len(order)), dtype=np.int64)
+    seconds = np.empty((2, len(order)))
+    least_seen = max(1.0, settings.seen_share * len(cells))
+    n_periods, n_stays = sweep_group(order, start, stop, state, least_seen, periods, stays, seconds)
+    kept = np.flatnonzero(seconds[0, :n_stays] >= settings.least_stay_s)
+    observed_s, agree_s = seconds[:, kept]
+    first_ns, last_ns, occupied = stays[:, kept].tolist()
+    together = (agree_s / observed_s).tolist()
+    of_minimal_time = tuple(map(Stay, map(bool, occupied), first_ns, last_ns, observed_s.tolist(), together))
+    place = Place(cells, states.points_map(cells), (), of_minimal_time, states.resolution_m)
+    if pieces_only and not _may_be_part(place, settings):
+        return place
+    since, until, state_of = periods[:, :n_periods].tolist()
+    return replace(place, periods=tuple(map(Period, since, until, [STATES[k] for k in state_of])))
 
 
 def _reach_m(states: CellStates, cells: NDArray[np.int64]) -> float:

@@ -12,12 +12,17 @@ from tempog.errors import ConfigError, EmptyWindowError
 from tempog.sensing.grid_spec import Bounds, GridSpec
 from tempog.sensing.tiles import CellBox, TileIndex
 from tempog.simulation import corridor, load_world, simulate
+from tempog.views.objects import draw_high_dynamic, draw_objects
 
 NS = 10**9
 
 
 def cells_of(found):
     return [place.cells.tolist() for place in found.configurations]
+
+
+def drawn(figure):
+    return np.asarray(figure.axes[0].images[0].get_array())
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +70,31 @@ def test_a_door_that_first_moves_later_makes_its_area_due_and_is_learned(scans) 
     ids = [i for change in learned for i in change.new_configurations]
     assert sorted(ids) == sorted(set(ids))
     assert len(learned) <= 12
+
+
+def test_what_was_found_in_a_grid_is_still_all_there_after_the_grid_has_grown() -> None:
+    scans = simulate(load_world("hallway", 3), 120.0, seed=3, people=2).scans
+    grid = TemporalGrid(scan_period_s=0.1)
+    grid.integrate_many(scans[:300])
+    found = find_objects(grid)
+    before, extent, walls = found.document(), grid.extent, found.static_points_map
+    moving = found.high_dynamic("+10").cells
+    picture = drawn(draw_objects(found))
+    grid.integrate_many(scans[300:])
+    assert grid.extent != extent == found.extent
+    after = found.document()
+    assert [after[part] for part in ("static", "objects", "unassociated")] == [
+        before[part] for part in ("static", "objects", "unassociated")
+    ]
+    np.testing.assert_array_equal(found.static_points_map, walls)
+    assert len(walls) > 1000
+    np.testing.assert_array_equal(found.high_dynamic("+10").cells, moving)
+    np.testing.assert_array_equal(drawn(draw_objects(found)), picture)
+    draw_high_dynamic(found)  # over the extent of now
+    over = found.walls_over(grid.extent)
+    rows, cols = np.nonzero(over == CellClass.STATIC)
+    centres = grid.tiles.spec.centres(rows + grid.extent.row0, cols + grid.extent.col0)
+    np.testing.assert_array_equal(centres, walls)
 
 
 def test_places_that_the_history_does_not_bear_out_are_retired_and_their_ids_with_them(scans) -> None:

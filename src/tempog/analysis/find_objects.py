@@ -10,15 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tempog.analysis.configurations import Configuration, find_configurations, static_cells
+from tempog.analysis.configurations import Configuration, find_configurations
 from tempog.analysis.evidence.find import find_by_evidence
 from tempog.analysis.high_dynamic import HighDynamic, high_dynamic, high_dynamics
 from tempog.analysis.objects import MovingObject, associate
 from tempog.analysis.objects_file import objects_document
-from tempog.analysis.static import static_map
+from tempog.analysis.static import CellClass, static_map
 from tempog.errors import ConfigError
 from tempog.grid.history import History
 from tempog.methods import METHODS, EvidenceConfig, Method, PaperConfig
+from tempog.sensing.grid_spec import Extent
 from tempog.times import Moment
 
 
@@ -33,7 +34,9 @@ class FoundObjects:
     method : str
     settings : PaperConfig or EvidenceConfig
     walls : (n_rows, n_cols) int8, values of `CellClass`
-        The static map that was used, over `history.extent`.
+        The static map that was used.
+    extent : Extent
+        Where `walls` lies. A grid that is being mapped may reach farther by now.
     configurations : tuple of Configuration
         All places, whether part of an object or not.
     objects : tuple of MovingObject
@@ -43,6 +46,7 @@ class FoundObjects:
     method: Method
     settings: PaperConfig | EvidenceConfig
     walls: NDArray[np.int8]
+    extent: Extent
     configurations: tuple[Configuration, ...]
     objects: tuple[MovingObject, ...]
 
@@ -54,10 +58,16 @@ class FoundObjects:
 
     @property
     def static_points_map(self) -> NDArray[np.float64]:
-        """Centres of the static cells, (n, 2) metres."""
-        tiles = self.history.tiles
-        numbers = np.flatnonzero(static_cells(self.history, self.walls)).astype(np.int32)
-        return tiles.spec.centres(*tiles.rows_cols(numbers))
+        """Centres of the static cells, (n, 2) metres; row by row."""
+        rows, cols = np.nonzero(self.walls == CellClass.STATIC)
+        return self.history.tiles.spec.centres(rows + self.extent.row0, cols + self.extent.col0)
+
+    def walls_over(self, extent: Extent) -> NDArray[np.int8]:
+        """`walls` laid over an extent that contains its own: what was mapped since is unexplored in it."""
+        walls = np.full(extent.shape, CellClass.UNEXPLORED, dtype=np.int8)
+        row, col = self.extent.row0 - extent.row0, self.extent.col0 - extent.col0
+        walls[row : row + self.extent.n_rows, col : col + self.extent.n_cols] = self.walls
+        return walls
 
     def high_dynamic(self, at: Moment | None = None) -> HighDynamic:
         """What was on the move at one measurement (Fig. 11); default: the last. See `high_dynamic`."""
@@ -70,7 +80,7 @@ class FoundObjects:
     @property
     def _explained(self) -> dict[str, Any]:
         return {
-            "walls": self.walls,
+            "walls": self.walls_over(self.history.extent),
             "configurations": self.configurations,
             "near_m": self.settings.near_m,
             "in_free_places": self.method == "evidence",
@@ -145,7 +155,7 @@ def find_objects(
         walls, configurations, objects = find_by_evidence(history, chosen)
     else:
         walls, configurations, objects = find_by_paper(history, chosen)
-    return FoundObjects(history, method, chosen, walls, tuple(configurations), tuple(objects))
+    return FoundObjects(history, method, chosen, walls, history.extent, tuple(configurations), tuple(objects))
 
 
 def find_by_paper(

@@ -68,7 +68,9 @@ class EvidenceAnalysis:
         """
         history.require_scans()
         walls, configurations, objects = find_by_evidence(history, self.settings, self._known, self.block_tiles)
-        return FoundObjects(history, "evidence", self.settings, walls, tuple(configurations), tuple(objects))
+        return FoundObjects(
+            history, "evidence", self.settings, walls, history.extent, tuple(configurations), tuple(objects)
+        )
 
     @property
     def share_recalled(self) -> float:

@@ -46,7 +46,7 @@ class _Group:
 
 
 def learn_area(
-    found: FoundObjects, extent: Extent, history: History, bounds: Bounds, ids: NextIds
+    found: FoundObjects, history: History, bounds: Bounds, ids: NextIds
 ) -> tuple[FoundObjects, Learned, NextIds]:
     """Analyse a rectangle of a history again, and put what comes out in place of what was known there.
 
@@ -54,8 +54,6 @@ def learn_area(
     ----------
     found : FoundObjects
         What was known.
-    extent : Extent
-        Where ``found.walls`` lies; a grid that is being mapped has grown since.
     history : History
         As it is now: the same map, driven on.
     bounds : Bounds, metres
@@ -140,6 +138,7 @@ def learn_area(
             timeline = tuple(period for period in one.timeline if period.configuration in there)
             objects.append(replace(one, configurations=tuple(left), timeline=timeline))
 
+    extent = history.extent
     had = {one.id for one in found.objects}
     has = {one.id for one in objects}
     learned = Learned(
@@ -153,7 +152,8 @@ def learn_area(
             history,
             found.method,
             found.settings,
-            _walls(found.walls, extent, anew, history, bounds, [places[i] for i in sorted(found_again)]),
+            _walls(found, anew, extent, bounds, [places[i] for i in sorted(found_again)]),
+            extent,
             tuple(places[i] for i in sorted(places)),
             tuple(sorted(objects, key=lambda one: one.id)),
         ),
@@ -214,21 +214,13 @@ def _groups(found: FoundObjects) -> list[_Group]:
 
 
 def _walls(
-    known: NDArray[np.int8],
-    known_extent: Extent,
-    anew: FoundObjects,
-    history: History,
-    bounds: Bounds,
-    places: list[Configuration],
+    known: FoundObjects, anew: FoundObjects, extent: Extent, bounds: Bounds, places: list[Configuration]
 ) -> NDArray[np.int8]:
-    """The static map of before, laid over the history's extent, with the rectangle's own part put in."""
-    extent = history.extent
-    walls = np.full(extent.shape, CellClass.UNEXPLORED, dtype=np.int8)
-    row, col = known_extent.row0 - extent.row0, known_extent.col0 - extent.col0
-    walls[row : row + known_extent.n_rows, col : col + known_extent.n_cols] = known
-    part = anew.history.extent
+    """The static map of before, laid over the extent of now, with the rectangle's own part put in."""
+    walls = known.walls_over(extent)
+    part = anew.extent
     rows, cols = np.indices(part.shape).reshape(2, -1)
-    inside = bounds.holds(history.tiles.spec.centres(rows + part.row0, cols + part.col0)).reshape(part.shape)
+    inside = bounds.holds(anew.history.tiles.spec.centres(rows + part.row0, cols + part.col0)).reshape(part.shape)
     row, col = part.row0 - extent.row0, part.col0 - extent.col0
     walls[row : row + part.n_rows, col : col + part.n_cols][inside] = anew.walls[inside]
     for place in places:

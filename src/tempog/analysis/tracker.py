@@ -110,13 +110,13 @@ class ObjectTracker:
 
     def _follow(self, found: FoundObjects) -> None:
         """Mark the cells of walls and places, and lay out the places' states; the caller fills these in."""
-        self.found, self._extent = found, found.history.extent
+        self.found = found
         tiles, near_m = self.tiles, found.settings.near_m
         self._static = np.zeros(tiles.n_cells, dtype=np.bool_)
         self._near_static = np.zeros(tiles.n_cells, dtype=np.bool_)
         self._place = np.full(tiles.n_cells, NOWHERE, dtype=np.int32)
         self._near_place = np.full(tiles.n_cells, NOWHERE, dtype=np.int32)
-        static = np.argwhere(found.walls == CellClass.STATIC) + np.array([self._extent.row0, self._extent.col0])
+        static = np.argwhere(found.walls == CellClass.STATIC) + np.array([found.extent.row0, found.extent.col0])
         self._static[self._numbers(static)] = True
         self._near_static[self._numbers(static, near_m)] = True
         for k, place in enumerate(found.configurations):
@@ -240,7 +240,7 @@ class ObjectTracker:
             )
         before = {place.id: k for k, place in enumerate(self.found.configurations)}
         state, doubted, since_ns, seen_ns = self._state, self._doubted, self._since_ns, self._seen_ns
-        found, learned, self._ids = learn_area(self.found, self._extent, history, area, self._ids)
+        found, learned, self._ids = learn_area(self.found, history, area, self._ids)
         self._follow(found)
         for k, place in enumerate(found.configurations):
             if place.id in before:

@@ -71,7 +71,7 @@ def draw_objects(found: FoundObjects, *, title: str = "") -> Figure:
     matplotlib.figure.Figure
         Axes in metres, map frame, y up. Places that are part of no object have a colour of their own.
     """
-    _, extent = cropped(_cells(found), found.history.extent)
+    _, extent = cropped(_cells(found), found.extent)
     figure, axes = canvas(*extent.shape, has_bar=False)
     paint_objects(axes, found)
     axes.set_title(" · ".join(part for part in (title, counts(found)) if part), fontsize=9, loc="left")
@@ -90,10 +90,11 @@ def draw_high_dynamic(found: FoundObjects, *, title: str = "") -> Figure:
         seconds[measured.cells[:, 0] - extent.row0, measured.cells[:, 1] - extent.col0] += 1
     period_s = found.history.scan_period_s
     seconds *= period_s if period_s > 0 else 1.0
-    rgb = _base(found)
+    walls = found.walls_over(extent)
+    rgb = _base(walls)
     longest_s = max(float(seconds.max()), SHORT_S * 10)
     colours = ScalarMappable(LogNorm(SHORT_S, longest_s), colormaps["YlOrRd"])
-    moving = (seconds > 0) & (found.walls != CellClass.STATIC)
+    moving = (seconds > 0) & (walls != CellClass.STATIC)
     rgb[moving] = colours.to_rgba(np.maximum(seconds[moving], SHORT_S))[:, :3]
     rgb, shown = cropped(rgb, extent)
     figure, axes = canvas(*shown.shape, has_bar=True)
@@ -156,7 +157,7 @@ def _course_text(one: MovingObject, place: Configuration) -> str:
 
 def paint_objects(axes: Axes, found: FoundObjects) -> None:
     """`draw_objects` on given axes, without title and legend."""
-    rgb, extent = cropped(_cells(found), found.history.extent)
+    rgb, extent = cropped(_cells(found), found.extent)
     show_map(axes, rgb, extent)
     centres_m = [np.mean([place.centre_m for place in one.configurations], axis=0) for one in found.objects]
     offsets = label_offsets(axes, centres_m, extent)
@@ -217,16 +218,16 @@ def object_colour(k: int) -> Colour:
     return OBJECT_COLOURS[k % len(OBJECT_COLOURS)]
 
 
-def _base(found: FoundObjects) -> Rgb:
-    rgb = np.empty((*found.walls.shape, 3), dtype=np.float32)
+def _base(walls: NDArray[np.int8]) -> Rgb:
+    rgb = np.empty((*walls.shape, 3), dtype=np.float32)
     rgb[:] = as_rgb(WHITE)
-    rgb[found.walls == CellClass.UNEXPLORED] = as_rgb(GREY)
-    rgb[found.walls == CellClass.STATIC] = as_rgb(BLACK)
+    rgb[walls == CellClass.UNEXPLORED] = as_rgb(GREY)
+    rgb[walls == CellClass.STATIC] = as_rgb(BLACK)
     return rgb
 
 
 def _cells(found: FoundObjects) -> Rgb:
-    rgb = _base(found)
+    rgb = _base(found.walls)
     coloured = [(place, LONE_COLOUR) for place in found.unassociated]
     coloured += [(place, object_colour(k)) for k, one in enumerate(found.objects) for place in one.configurations]
     for place, colour in coloured:
@@ -235,7 +236,7 @@ def _cells(found: FoundObjects) -> Rgb:
 
 
 def _rows_cols(found: FoundObjects, place: Configuration) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    extent = found.history.extent
+    extent = found.extent
     return place.cells[:, 0] - extent.row0, place.cells[:, 1] - extent.col0
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from fed_grid import grid_of
 from strategies import STREAM_START_NS, Stream
+from tempog.analysis.evidence import association
 from tempog.analysis.evidence.association import PlaceSet, with_rivals
 from tempog.analysis.evidence.blocks import cell_states
 from tempog.analysis.find_objects import FoundObjects, find_objects
@@ -232,6 +233,18 @@ def test_two_doors_that_move_in_step_are_told_apart_by_their_hinges() -> None:
     assert ids(found) == [[1, 3], [2, 4]]
     assert [one.rivals for one in found.objects] == [(), ()]
     assert all(one.confidence > 0.95 for one in found.objects)
+
+
+def test_doors_far_away_do_not_keep_a_door_from_being_found_whole(monkeypatch) -> None:
+    monkeypatch.setattr(association, "MAX_SETS", 3)  # as many as one door has pairs of places
+    doors = 4
+
+    def in_a_row(cells: Cells) -> Cells:
+        return [(row, col + 200 * k) for k in range(doors) for row, col in cells]
+
+    course = door("closed", "open", "ajar", "closed", "ajar", "open", "closed")
+    found = found_in([(seconds, in_a_row(occupied), unseen) for seconds, occupied, unseen in course])
+    assert [len(one.configurations) for one in found.objects] == [3] * doors
 
 
 def test_two_crates_that_move_in_step_along_the_sides_of_a_square_are_ambiguous() -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations, pairwise
 from typing import NamedTuple
 
@@ -20,7 +21,7 @@ from tempog.times import NS_PER_S
 ELSEWHERE = 0.03  # share of stretches in which a thing is in none of the places it is known in
 TWICE = 0.02  # ... in which two of them are occupied: somebody stands in the open door
 MAX_TRIES = 20_000  # of the exact choice among overlapping sets, per neighbourhood; then the best found so far
-MAX_SETS = 3_000  # of one size
+MAX_SETS = 3_000  # of one size, per neighbourhood
 FEW_SETS = 200  # among which every choice is made again as a whole
 # Log odds that a link must have over every other one of its places; 1 is three to one.
 AMBIGUOUS_BELOW = 1.0
@@ -74,6 +75,7 @@ def associate_places(places: Sequence[Place], settings: EvidenceConfig) -> list[
             friends.setdefault(i, set()).add(j)
             friends.setdefault(j, set()).add(i)
     sets: list[tuple[int, ...]] = list(links.in_time)
+    part_of = _part_of(sets)
     found = []
     for _ in range(2, settings.max_states + 1):
         odds_of = {
@@ -82,10 +84,9 @@ def associate_places(places: Sequence[Place], settings: EvidenceConfig) -> list[
             for members in sets
         }
         found += [PlaceSet(*one) for one in odds_of.items() if one[1] > settings.link_above]
-        best = sorted(odds_of, key=lambda members: -odds_of[members])[:MAX_SETS]
         sets = [
             (*members, another)
-            for members in best
+            for members in _best_of_each_part(odds_of, part_of)
             for another in sorted(set.intersection(*(friends[i] for i in members)))
             if another > members[-1]
         ]
@@ -194,12 +195,30 @@ def joint_periods(
     return evidence
 
 
-def _neighbourhoods(sets: Sequence[PlaceSet]) -> list[list[PlaceSet]]:
-    """Sets in parts such that no two parts share a place."""
-    pairs = np.array([pair for one in sets for pair in pairwise(one.members)], dtype=np.int64).reshape(-1, 2)
+def _part_of(sets: Sequence[tuple[int, ...]]) -> NDArray[np.int64]:
+    """For each place, the smallest one that a chain of sets connects it with."""
+    pairs = np.array([pair for members in sets for pair in pairwise(members)], dtype=np.int64).reshape(-1, 2)
     part_of = np.arange(pairs.max(initial=-1) + 1)
     left, right = pairs.T.copy()
     connect(left, right, part_of)
+    return part_of
+
+
+def _best_of_each_part(
+    odds_of: Mapping[tuple[int, ...], float], part_of: NDArray[np.int64]
+) -> Iterator[tuple[int, ...]]:
+    """The best sets first, `MAX_SETS` of each part at most: what is far away takes none of a part's chances."""
+    n_taken: Counter[int] = Counter()
+    for members in sorted(odds_of, key=lambda members: (-odds_of[members], members)):
+        part = int(part_of[members[0]])
+        if n_taken[part] < MAX_SETS:
+            n_taken[part] += 1
+            yield members
+
+
+def _neighbourhoods(sets: Sequence[PlaceSet]) -> list[list[PlaceSet]]:
+    """Sets in parts such that no two parts share a place."""
+    part_of = _part_of([one.members for one in sets])
     parts: dict[int, list[PlaceSet]] = {}
     for one in sets:
         parts.setdefault(int(part_of[one.members[0]]), []).append(one)

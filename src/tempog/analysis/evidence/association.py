@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations, pairwise
@@ -12,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tempog.analysis.configurations import Period
-from tempog.analysis.evidence.places import Place
+from tempog.analysis.evidence.kernels import joint_stretches
+from tempog.analysis.evidence.places import PeriodArrays, Place, as_arrays
 from tempog.analysis.evidence.shape import hinges, near_odds
 from tempog.analysis.series_kernels import connect
 from tempog.methods import EvidenceConfig
-from tempog.times import NS_PER_S
 
 ELSEWHERE = 0.03  # share of stretches in which a thing is in none of the places it is known in
 TWICE = 0.02  # ... in which two of them are occupied: somebody stands in the open door
@@ -64,7 +63,7 @@ def associate_places(places: Sequence[Place], settings: EvidenceConfig) -> list[
     links = Links({}, {}, {})
     friends: dict[int, set[int]] = {}
     for i, j in sorted(map(tuple, tree.query_pairs(settings.within_m, output_type="ndarray").tolist())):
-        odds, evidence = exclusion(places[i].periods, places[j].periods, settings.worth_s)
+        odds, evidence = exclusion(places[i].course, places[j].course, settings.worth_s)
         shape = links.add_shape(i, j, places, settings)
         conflict, moves = evidence[1, 1], min(evidence[0, 1], evidence[1, 0])
         # Two of three places say little by themselves: the thing was in the third for much of the time.
@@ -131,7 +130,9 @@ class Links(NamedTuple):
         return sum(self.in_time[pair] for pair in pairs) + (len(members) - 1) * by_shape
 
 
-def exclusion(course: Sequence[Period], other: Sequence[Period], worth_s: float) -> tuple[float, NDArray[np.float64]]:
+def exclusion(
+    course: Sequence[Period] | PeriodArrays, other: Sequence[Period] | PeriodArrays, worth_s: float
+) -> tuple[float, NDArray[np.float64]]:
     """Log odds for one thing that is in one of two places at a time, against a thing for each; and `joint_periods`.
 
     One thing is in either place with that place's share of the time, elsewhere for the rest, and hardly ever in
@@ -159,7 +160,10 @@ def exclusion(course: Sequence[Period], other: Sequence[Period], worth_s: float)
 
 
 def joint_periods(
-    course: Sequence[Period], other: Sequence[Period], worth_s: float, one_at_a_time: bool = True
+    course: Sequence[Period] | PeriodArrays,
+    other: Sequence[Period] | PeriodArrays,
+    worth_s: float,
+    one_at_a_time: bool = True,
 ) -> NDArray[np.float64]:
     """Evidence for the joint states of two places: [free or occupied, free or occupied].
 
@@ -168,30 +172,8 @@ def joint_periods(
     place, without `one_at_a_time`, not to have been in another state than the other. Neighbouring stretches of one
     joint state are one, whatever lies between; a stretch known for `worth_s` counts for 0.63.
     """
-    courses = (course, other)
-    moments = sorted({moment for periods in courses for period in periods for moment in period[:2]})
-    at = [0, 0]
     evidence = np.zeros((2, 2))
-    current, lasted_s = (-1, -1), 0.0
-    for since, until in pairwise(moments):
-        state, assumed = [-1, -1], [False, False]
-        for i, periods in enumerate(courses):
-            while at[i] < len(periods) and periods[at[i]].stop_ns <= since:
-                at[i] += 1
-            if at[i] < len(periods):
-                period = periods[at[i]]
-                assumed[i] = period.start_ns > since
-                if not assumed[i] or (at[i] > 0 and periods[at[i] - 1].state == period.state):
-                    state[i] = int(period.state == "occupied")
-        if -1 in state or (any(assumed) and (state == [1, 1] if one_at_a_time else state[0] != state[1])):
-            continue
-        if (state[0], state[1]) != current:
-            if lasted_s:
-                evidence[current] += 1 - math.exp(-lasted_s / worth_s)
-            current, lasted_s = (state[0], state[1]), 0.0
-        lasted_s += (until - since) / NS_PER_S
-    if lasted_s:
-        evidence[current] += 1 - math.exp(-lasted_s / worth_s)
+    joint_stretches(*as_arrays(course), *as_arrays(other), worth_s, one_at_a_time, evidence)
     return evidence
 
 

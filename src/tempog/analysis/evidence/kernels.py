@@ -148,6 +148,46 @@ def joint_evidence(
 
 
 @kernel
+def joint_stretches(
+    start_a_ns: NDArray[np.int64],
+    stop_a_ns: NDArray[np.int64],
+    state_a: NDArray[np.uint8],
+    start_b_ns: NDArray[np.int64],
+    stop_b_ns: NDArray[np.int64],
+    state_b: NDArray[np.uint8],
+    worth_s: float,
+    one_at_a_time: bool,
+    evidence: NDArray[np.float64],
+) -> None:
+    """Evidence for the joint states of two places from their periods; for the rules see `joint_periods`.
+
+    evidence (2, 2)   [updated]
+    """
+    n_a, n_b = start_a_ns.shape[0], start_b_ns.shape[0]
+    a, b, left, right, lasted_ns = 0, 0, -1, -1, np.int64(0)
+    if n_a == 0 or n_b == 0:
+        return
+    since = min(start_a_ns[0], start_b_ns[0])
+    while a < n_a and b < n_b:
+        seen_a, seen_b = start_a_ns[a] <= since, start_b_ns[b] <= since
+        until = min(stop_a_ns[a] if seen_a else start_a_ns[a], stop_b_ns[b] if seen_b else start_b_ns[b])
+        known_a = seen_a or (a > 0 and state_a[a - 1] == state_a[a])
+        known_b = seen_b or (b > 0 and state_b[b - 1] == state_b[b])
+        against = state_a[a] + state_b[b] == 2 if one_at_a_time else state_a[a] != state_b[b]
+        if known_a and known_b and ((seen_a and seen_b) or not against):
+            if state_a[a] != left or state_b[b] != right:
+                if lasted_ns > 0:
+                    evidence[left, right] += 1.0 - math.exp(-1e-9 * lasted_ns / worth_s)
+                left, right, lasted_ns = int(state_a[a]), int(state_b[b]), np.int64(0)
+            lasted_ns += until - since
+        since = until
+        a += int(stop_a_ns[a] <= since)
+        b += int(stop_b_ns[b] <= since)
+    if lasted_ns > 0:
+        evidence[left, right] += 1.0 - math.exp(-1e-9 * lasted_ns / worth_s)
+
+
+@kernel
 def sweep_group(
     order: NDArray[np.int64],
     start_ns: NDArray[np.int64],

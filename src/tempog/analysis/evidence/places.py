@@ -46,6 +46,24 @@ class Stay(NamedTuple):
         return (self.stop_ns - self.start_ns) / NS_PER_S
 
 
+class PeriodArrays(NamedTuple):
+    """Periods for kernels: when each began and ended, and 1 for occupied, 0 for free; each (n,)."""
+
+    start_ns: NDArray[np.int64]
+    stop_ns: NDArray[np.int64]
+    state: NDArray[np.uint8]
+
+
+def as_arrays(periods: Sequence[Period] | PeriodArrays) -> PeriodArrays:
+    """Periods as arrays, if they are none yet."""
+    if isinstance(periods, PeriodArrays):
+        return periods
+    start_ns, stop_ns = np.array([period[:2] for period in periods], dtype=np.int64).reshape(-1, 2).T.copy()
+    return PeriodArrays(
+        start_ns, stop_ns, np.array([period.state == "occupied" for period in periods], dtype=np.uint8)
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Place:
     """A group of cells with its course of states, and what speaks for and against its being a place.
@@ -85,6 +103,11 @@ class Place:
     def line(self) -> Line:
         """The straight line that fits its cells best."""
         return fit_line(self.points_map, self.resolution_m)
+
+    @cached_property
+    def course(self) -> PeriodArrays:
+        """Its periods as arrays."""
+        return as_arrays(self.periods)
 
     @cached_property
     def occupied(self) -> tuple[Stay, ...]:
@@ -333,7 +356,7 @@ def join_faces(
         small = min(whole[a].size_m, whole[b].size_m) <= settings.fragment_m
         if along < (FRAGMENT if small else FACE):
             continue
-        evidence = joint_periods(whole[a].periods, whole[b].periods, settings.worth_s, one_at_a_time=False)
+        evidence = joint_periods(whole[a].course, whole[b].course, settings.worth_s, one_at_a_time=False)
         agree = evidence[1, 1] >= 0.5 and (along >= FACE or evidence[0, 0] >= 0.5)
         if (agree or along >= SAME_PLACE) and evidence[0, 1] + evidence[1, 0] <= 0.1 * evidence.sum():
             cells = np.sort(np.concatenate([whole[a].cells, whole[b].cells]))

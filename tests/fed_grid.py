@@ -46,9 +46,9 @@ def empty_grid(stream: Stream, resolution_m: float = GridConfig.resolution_m) ->
     return grid
 
 
-def feed(grid: TemporalGrid, stamp_ns: int) -> None:
+def feed(grid: TemporalGrid, stamp_ns: int, x: float = 0.0, y: float = 0.0) -> None:
     """Integrate the stream's next scan."""
-    grid.integrate(Scan(0.0, (0.0, 0.0, 0.0), [], [], stamp_ns=stamp_ns))
+    grid.integrate(Scan(0.0, (x, y, 0.0), [], [], stamp_ns=stamp_ns))
 
 
 def grid_of(stream: Stream, resolution_m: float = GridConfig.resolution_m) -> TemporalGrid:

@@ -72,6 +72,22 @@ def box(corner, rng) -> set[tuple[int, int]]:
     return {(int(corner[0]) + i, int(corner[1]) + j) for i in range(shape[0]) for j in range(shape[1])}
 
 
+def passes(seed: int) -> tuple[Stream, list[float]]:
+    """A robot that drives to and fro 1 m beside a pane of glass, by a clock that jitters, and its x at each scan."""
+    rng = np.random.default_rng(seed)
+    n_scans = 700
+    stamps = STREAM_START_NS + (np.arange(n_scans) * PERIOD_S * NS).astype(np.int64)
+    stamps += rng.integers(-NS // 100, NS // 100, n_scans)
+    x_m = 4.0 * np.sin(np.arange(n_scans) / rng.uniform(10, 14)) + 0.5
+    pane = [(20, k) for k in range(20)]
+    statements = []
+    for x in x_m:
+        towards = [math.degrees(math.atan2(x - 0.05 * (col + 0.5), 1.0)) for _, col in pane]
+        hit = [0.9 if abs(off + rng.normal(0, 3)) < 25 else 0.1 for off in towards]
+        statements.append([(cell, p) for cell, p in zip(pane, hit, strict=True) if rng.random() < 0.9])
+    return Stream(stamps.tolist(), statements, NS, 0.2), x_m.tolist()
+
+
 def document(found: FoundObjects) -> str:
     return json.dumps(found.document(), sort_keys=True)
 
@@ -120,6 +136,48 @@ def test_an_analysis_may_go_from_any_history_to_any_other(seed, other):
     one, two = grid_of(drive(seed)), grid_of(drive(other))
     for history in (one, two, one.window("+5", "+40"), one):
         assert document(analysis.update(history)) == document(find_objects(history))
+
+
+@given(SEEDS, st.sampled_from([1, 2, 5]), st.lists(st.floats(0.3, 1.0), min_size=1, max_size=3))
+@FEW
+def test_glass_is_the_same_in_blocks_of_any_size_and_while_the_map_grows(seed, block_tiles, shares):
+    stream, x_m = passes(seed)
+    grid, fed = empty_grid(stream), 0
+    analysis = EvidenceAnalysis(block_tiles=block_tiles)
+    for share in [*sorted(shares), 1.0]:
+        until = round(share * len(x_m))
+        for stamp_ns, x in zip(stream.stamps_ns[fed:until], x_m[fed:until], strict=True):
+            feed(grid, stamp_ns, x)
+        fed = max(fed, until)
+        found = analysis.update(grid)
+        assert document(found) == document(EvidenceAnalysis(block_tiles=WHOLE_MAP).update(grid))
+    assert len(found.uncertain_points_map) >= 10
+
+
+def test_what_was_seen_from_elsewhere_is_worked_out_again() -> None:
+    stream, x_m = passes(0)
+    driving, elsewhere = empty_grid(stream), empty_grid(stream)
+    for stamp_ns, x in zip(stream.stamps_ns, x_m, strict=True):
+        feed(driving, stamp_ns, x)
+    for stamp_ns in stream.stamps_ns:
+        feed(elsewhere, stamp_ns, 0.5)
+    analysis = EvidenceAnalysis()
+    n_uncertain = [len(analysis.update(grid).uncertain_points_map) for grid in (driving, elsewhere, driving)]
+    assert n_uncertain[0] == n_uncertain[2] >= 10
+    assert n_uncertain[1] == 0
+
+
+def test_where_scans_were_between_two_looks_is_part_of_what_was_measured() -> None:
+    def content(x: float, seen_last: bool = True) -> int:
+        cells = [[((0, 0), 0.9)], [], [((0, 0), 0.9)] if seen_last else [], []]
+        stream = Stream([STREAM_START_NS + k * NS // 4 for k in range(4)], cells, NS, 0.2)
+        grid = empty_grid(stream)
+        for stamp_ns, there in zip(stream.stamps_ns, (0.0, x, 0.0, x), strict=True):
+            feed(grid, stamp_ns, there)
+        return int(blocks.cell_content(grid)[grid.tiles.cell_number(0, 0)])
+
+    assert content(1.0) != content(2.0)
+    assert content(1.0, seen_last=False) == content(2.0, seen_last=False)
 
 
 @pytest.mark.parametrize("world", [random_building(5), load_world("rooms"), load_world("hallway")])

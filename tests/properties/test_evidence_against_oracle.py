@@ -141,7 +141,8 @@ def cell_states_of(several) -> CellStates:
     nothing = Alike(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0))
     courses = HeldCourses(Courses(offsets, start, stop, state, state))
     numbers = np.arange(n, dtype=np.int32)
-    return CellStates(row, np.arange(n), 0.05, numbers, whole, whole, row, nothing, courses, np.zeros(n, np.uint64))
+    content, by_view = np.zeros(n, np.uint64), np.zeros(n, np.bool_)
+    return CellStates(row, np.arange(n), 0.05, numbers, whole, whole, row, nothing, courses, content, by_view)
 
 
 # Merging.

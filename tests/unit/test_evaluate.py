@@ -140,6 +140,22 @@ def test_glass_counts_neither_way():
     assert (got.n_at_walls, got.n_in_free_space) == (1, 0)
 
 
+def test_uncertain_cells_are_held_against_glass():
+    truth = small_world()
+    pane = rectangle(0, 5, 5, 1)
+    truth = replace(truth, walls=(*truth.walls, WallTruth(pane, glass=True)))
+    seen = replace(truth, hits=np.full_like(truth.hits, Hit.GLASS), distances=np.full_like(truth.distances, 0.55))
+    n_seen = len(seen.glass_seen(CELL_M))
+    assert n_seen == 5
+    document = answer(truth) | {"uncertain": points([(0, 6), (3, 5), (3, 9)])}
+    scores = evaluate(document, seen).uncertain
+    assert (scores.precision, scores.recall) == (Share(2, 3), Share(5, 5))
+    assert evaluate(answer(truth), seen).uncertain.recall == Share(0, 5)
+    perfect = evaluate(truth_document(seen, CELL_M), seen).uncertain
+    assert (perfect.precision, perfect.recall) == (Share(5, 5), Share(5, 5))
+    assert evaluate(answer(truth), truth).uncertain.recall == Share(0, 0)
+
+
 def test_cells_are_counted_once_however_often_they_are_reported():
     scores = evaluate(answer(small_world(), static=[(0, 20), (0, 20), (3, 23)]), small_world())
     assert scores.static.precision == Share(1, 2)
@@ -422,12 +438,14 @@ def test_the_truth_scores_one_in_everything(hallway, resolution):
     scores = evaluate(document, hallway)
     shares = dict(all_shares(scores.to_dict()))
     assert shares.pop(".high_dynamic.false_share") == 0.0
-    # No door of the hallway slides, and in 300 s nothing has four observable places.
+    # No door of the hallway slides, nothing in it is glass, and in 300 s nothing has four observable places.
     assert {path for path, share in shares.items() if share is None} <= {
         ".objects.more_places",
         ".objects.sliding",
         ".objects.box",
         ".objects.three_places",
+        ".uncertain.precision",
+        ".uncertain.recall",
     }
     assert {share for share in shares.values() if share is not None} == {1.0}
     assert (scores.links.n_wrong, scores.configurations.n_neutral, scores.static.n_neutral) == (0, 0, 0)

@@ -556,6 +556,20 @@ def test_all_or_no_beams_pass(pass_share, hits):
     assert set(simulate(world, 1.0).hits.ravel()) == hits
 
 
+@pytest.mark.parametrize("turned", [0.0, 0.7])
+def test_clear_panes_return_only_beams_that_are_about_square(turned):
+    ends = [(1.0, -1.9), (1.0, 1.9)]
+    cos, sin = math.cos(turned), math.sin(turned)
+    start, end = ((cos * x - sin * y, sin * x + cos * y) for x, y in ends)
+    pane = Glass(start, end, pass_share=0.0, seen_within_deg=20.0)
+    route = replace(STANDING, heading_rad=turned)
+    world = World(route, SQUARE, glass=(pane,), laser=replace(QUIET, fov_rad=math.radians(80), n_beams=81))
+    hits = simulate(world, 0.5).hits
+    square = abs(world.laser.angles) < math.radians(19.9)
+    assert (hits[:, square] == Hit.GLASS).all()
+    assert (hits[:, abs(world.laser.angles) > math.radians(20.1)] == Hit.WALL).all()
+
+
 def test_nobody_walks_through_glass():
     panes = (Glass((4.0, 0.0), (4.0, 4.0), pass_share=1.0),)
     world = World(Route(((1.0, 2.0), (3.0, 2.0))), ROOM, (), Crowd(8, (0.8, 1.5)), FEW_BEAMS, glass=panes)
@@ -614,6 +628,7 @@ def test_beams_of_a_sweep_start_where_the_laser_is_by_then():
         (lambda: Laser(sweep_s=0.11), r"sweep_s = 0\.11 .* 10 scans a second; wanted 0 to 0\.1 s"),
         (lambda: Glass((0, 0), (1, 0), pass_share=1.2), r"pass_share = 1\.2"),
         (lambda: Glass((0, 0), (0, 0)), "glass stays at"),
+        (lambda: Glass((0, 0), (1, 0), seen_within_deg=91), "seen_within_deg = 91; wanted degrees from 0 to 90"),
         (
             lambda: World(DRIVING, ROOM, glass=(Glass((4.0, 1.0), (4.0, 3.0)),)),
             r"the way from .* is 0\.00 m from the glass around \(4\.00, 2\.00\) m",

@@ -85,9 +85,13 @@ def test_an_opening_is_cut_and_a_block_is_a_wall(load):
 
 
 def test_glass_cuts_the_wall_it_stands_in(load):
-    world = load(ROOM + "[[glass]]\nline = [[2, 3], [3, 3], [3, 2]]\npass_share = 0.5\nthickness_m = 0.03\n")
+    world = load(
+        ROOM
+        + "[[glass]]\nline = [[2, 3], [3, 3], [3, 2]]\npass_share = 0.5\nthickness_m = 0.03\nseen_within_deg = 25\n"
+    )
     assert [(pane.start, pane.end) for pane in world.glass] == [((2, 3), (3, 3)), ((3, 3), (3, 2))]
-    assert (world.glass[0].pass_share, world.glass[0].thickness_m) == (0.5, 0.03)
+    pane = world.glass[0]
+    assert (pane.pass_share, pane.thickness_m, pane.seen_within_deg) == (0.5, 0.03, 25)
     assert not covered(world, (2.5, 3.0))
     assert covered(world, (1.95, 3.0))
 

@@ -147,14 +147,14 @@ def find_configurations(
     return found
 
 
-def static_cells(history: History, walls: NDArray[np.int8]) -> NDArray[np.bool_]:
-    """Per cell number, whether the cell is static in a static map over the history's extent."""
+def static_cells(history: History, walls: NDArray[np.int8], what: CellClass = CellClass.STATIC) -> NDArray[np.bool_]:
+    """Per cell number, whether the cell is static, or else, in a static map over the history's extent."""
     if walls.shape != history.extent.shape:
         raise ConfigError(
             f"walls has shape {walls.shape}, the history's extent {history.extent.shape};"
             " wanted static_map of the same history"
         )
-    static: NDArray[np.bool_] = history.tiles.from_dense(walls) == CellClass.STATIC
+    static: NDArray[np.bool_] = history.tiles.from_dense(walls) == what
     return static
 
 

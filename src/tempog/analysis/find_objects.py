@@ -69,6 +69,13 @@ class FoundObjects:
         walls[row : row + self.extent.n_rows, col : col + self.extent.n_cols] = self.walls
         return walls
 
+    @property
+    def uncertain_points_map(self) -> NDArray[np.float64]:
+        """Centres of the cells that are occupied or free by where they are seen from, (n, 2) metres: glass."""
+        tiles = self.history.tiles
+        uncertain = static_cells(self.history, self.walls, CellClass.UNCERTAIN)
+        return tiles.spec.centres(*tiles.rows_cols(np.flatnonzero(uncertain).astype(np.int32)))
+
     def high_dynamic(self, at: Moment | None = None) -> HighDynamic:
         """What was on the move at one measurement (Fig. 11); default: the last. See `high_dynamic`."""
         return high_dynamic(self.history, at, **self._explained)
@@ -102,6 +109,7 @@ class FoundObjects:
             start_ns=int(stamps[period[0]]),
             stop_ns=int(stamps[period[1]]),
             static_points_map=self.static_points_map,
+            uncertain_points_map=self.uncertain_points_map,
             objects=self.objects,
             unassociated=self.unassociated,
             high_dynamic=moving,

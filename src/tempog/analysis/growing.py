@@ -15,8 +15,8 @@ class EvidenceAnalysis:
     """Method ``evidence`` for a map that is asked time and again while it grows.
 
     It gives what `find_objects` gives, and remembers, for each block of the map, group of cells and place, what it
-    came to and from what. Any history may follow any other: what is remembered is used where the same was measured,
-    to the nanosecond, and nowhere else.
+    came to and from what. Any history may follow any other: what is remembered is used where the same was measured
+    from the same poses, to the nanosecond and the last bit, and nowhere else.
 
     Parameters
     ----------

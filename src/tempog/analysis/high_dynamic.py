@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tempog.analysis.configurations import Configuration, static_cells
-from tempog.analysis.static import static_map
+from tempog.analysis.static import CellClass, static_map
 from tempog.errors import ConfigError, TimeError
 from tempog.grid.history import OCCUPIED_ABOVE, History
 from tempog.sensing.tiles import NO_CELL
@@ -136,7 +136,7 @@ def _at_scans(
         raise ConfigError(f"near_m = {near_m!r} cannot work; wanted metres, 0 or more")
     if walls is None:
         walls = static_map(history, weight="interval")
-    explained = static_cells(history, walls)
+    explained = static_cells(history, walls) | static_cells(history, walls, CellClass.UNCERTAIN)
     if not in_free_places:
         for configuration in configurations:
             explained[_numbers(history, configuration.cells)] = True

@@ -24,6 +24,7 @@ def objects_document(
     start_ns: int,
     stop_ns: int,
     static_points_map: NDArray[np.float64],
+    uncertain_points_map: NDArray[np.float64],
     objects: Sequence[MovingObject],
     unassociated: Sequence[Configuration],
     high_dynamic: Sequence[HighDynamic],
@@ -38,6 +39,7 @@ def objects_document(
         "start_s": start_ns / NS_PER_S,
         "stop_s": stop_ns / NS_PER_S,
         "static": _points(static_points_map),
+        "uncertain": _points(uncertain_points_map),
         "objects": [_object(one) for one in objects],
         "unassociated": [_configuration(place) for place in unassociated],
         "high_dynamic": [

@@ -30,6 +30,8 @@ class CellClass(IntEnum):
     STATIC = 1
     CHANGING = 2
     """Seen both occupied and free for a good part of the time: neither wall nor floor."""
+    UNCERTAIN = 3
+    """Occupied or free by where it is seen from: glass, or a wall's rim. Only `find_objects` tells."""
 
 
 def static_map(

@@ -116,9 +116,12 @@ class ObjectTracker:
         self._near_static = np.zeros(tiles.n_cells, dtype=np.bool_)
         self._place = np.full(tiles.n_cells, NOWHERE, dtype=np.int32)
         self._near_place = np.full(tiles.n_cells, NOWHERE, dtype=np.int32)
-        static = np.argwhere(found.walls == CellClass.STATIC) + np.array([found.extent.row0, found.extent.col0])
+        corner = np.array([found.extent.row0, found.extent.col0])
+        static, glass = (
+            np.argwhere(found.walls == what) + corner for what in (CellClass.STATIC, CellClass.UNCERTAIN)
+        )
         self._static[self._numbers(static)] = True
-        self._near_static[self._numbers(static, near_m)] = True
+        self._near_static[self._numbers(np.concatenate([static, glass]), near_m)] = True
         for k, place in enumerate(found.configurations):
             self._place[self._numbers(place.cells)] = k
             near = self._numbers(place.cells, near_m)

@@ -114,6 +114,7 @@ def table(scores: Scores) -> list[str]:
         f" cells of {scores.resolution_m:g} m",
         f"{'':<16}{'precision':<24}recall",
         _row("static", static.precision, static.recall, f"F1 {f1}", _neutral(static.n_neutral)),
+        *([_row("glass", scores.uncertain.precision, scores.uncertain.recall)] if scores.uncertain.recall.of else []),
         _row(
             "configurations",
             places.precision,

@@ -106,9 +106,11 @@ def objects(
         with whole_file(file) as unfinished:
             unfinished.write_text(json.dumps(document, allow_nan=False) + "\n", encoding="utf-8")
 
+    n_uncertain = len(document["uncertain"])
+    glass = f", {count_text(n_uncertain)} uncertain as glass is" if n_uncertain else ""
     typer.echo(
         f"{len(found.objects)} objects, {len(found.unassociated)} configurations in none,"
-        f" {count_text(len(document['static']))} static cells; method {method}"
+        f" {count_text(len(document['static']))} static cells{glass}; method {method}"
     )
     start_ns = int(history.stamps_ns[0])
     if found.objects:

@@ -18,7 +18,7 @@ class Answer:
 
     Attributes
     ----------
-    static : (n_cells, 2) int64
+    static, uncertain : (n_cells, 2) int64
     ids : list of int
         Of each configuration; those of one id and with the same cells are one configuration.
     configurations : list of (n_cells, 2) int64
@@ -27,6 +27,7 @@ class Answer:
     """
 
     static: NDArray[np.int64]
+    uncertain: NDArray[np.int64]
     ids: list[int]
     configurations: list[NDArray[np.int64]]
     objects: list[frozenset[int]]
@@ -54,7 +55,10 @@ def read_answer(document: dict[str, Any]) -> Answer:
     ]
     for k, place in enumerate(document["unassociated"]):
         number(place, f"unassociated[{k}]")
-    return Answer(document_cells(document["static"], resolution_m, "static"), ids, configurations, objects)
+    static, uncertain = (
+        document_cells(document.get(name, []), resolution_m, name) for name in ("static", "uncertain")
+    )
+    return Answer(static, uncertain, ids, configurations, objects)
 
 
 def document_cells(points: list[list[float]], resolution_m: float, where: str) -> NDArray[np.int64]:

@@ -22,6 +22,7 @@ from tempog.evaluation.scores import (
     Scores,
     Share,
     StaticScores,
+    UncertainScores,
 )
 from tempog.sensing.grid_spec import GridSpec
 from tempog.simulation.cell_sets import cells_at, near, unique_cells
@@ -100,6 +101,7 @@ def evaluate(document: dict[str, Any], truth: Truth) -> Scores:
         start_s=float(truth.stamps_s[0]),
         stop_s=float(truth.stamps_s[-1]),
         static=_static(answer, truth, places, resolution_m),
+        uncertain=_uncertain(answer, truth, resolution_m),
         configurations=_configurations(answer, truth, places, matched, resolution_m),
         objects=_objects(answer, truth, places, configuration_of),
         links=_links(answer, places, matched),
@@ -131,6 +133,15 @@ def _static(answer: Answer, truth: Truth, places: list[SeenPlace], resolution_m:
         precision=Share(int(right.sum()), int((~neutral).sum())),
         recall=Share(int(near(seen, answer.static).sum()), len(seen)),
         n_neutral=int(neutral.sum()),
+    )
+
+
+def _uncertain(answer: Answer, truth: Truth, resolution_m: float) -> UncertainScores:
+    right = near(answer.uncertain, truth.static_cells(resolution_m, glass=True))
+    seen = truth.glass_seen(resolution_m)
+    return UncertainScores(
+        precision=Share(int(right.sum()), len(right)),
+        recall=Share(int(near(seen, answer.uncertain).sum()), len(seen)),
     )
 
 

@@ -52,6 +52,23 @@ class StaticScores:
 
 
 @dataclass(frozen=True)
+class UncertainScores:
+    """Cells reported as uncertain, against the glass's cells.
+
+    Attributes
+    ----------
+    precision : Share
+        Reported cells within a cell of glass, of all.
+    recall : Share
+        Cells of glass in which beams ended on it, within a cell of a reported one. Glass that returns most beams may
+        as well be called static, which counts neither way.
+    """
+
+    precision: Share
+    recall: Share
+
+
+@dataclass(frozen=True)
 class ConfigurationScores:
     """Reported configurations, against the places of things.
 
@@ -66,7 +83,8 @@ class ConfigurationScores:
     n_neutral : int
         Configurations matched with a seen place that is not observable; counted neither way.
     n_at_walls, n_at_things, n_in_free_space : int
-        False ones: more than half of the cells within a cell of a wall's; else of any place's; else the rest.
+        False ones: more than half of the cells within a cell of a wall's or of glass; else of any place's; else the
+        rest.
     """
 
     precision: Share
@@ -178,6 +196,7 @@ class Scores:
     start_s: float
     stop_s: float
     static: StaticScores
+    uncertain: UncertainScores
     configurations: ConfigurationScores
     objects: ObjectScores
     links: LinkScores

@@ -32,8 +32,8 @@ def truth_document(truth: Truth, resolution_m: float, scans: Iterable[int] | Non
     Returns
     -------
     dict
-        Seen cells of walls, observable places with the periods in which things stood there or elsewhere, and people.
-        `evaluate` gives it 1 in everything.
+        Seen cells of walls, and of glass as uncertain; observable places with the periods in which things stood there
+        or elsewhere; and people. `evaluate` gives it 1 in everything.
     """
     stamps = truth.stamps_s
     next_id = 1
@@ -74,6 +74,7 @@ def truth_document(truth: Truth, resolution_m: float, scans: Iterable[int] | Non
         "start_s": float(stamps[0]),
         "stop_s": float(stamps[-1]),
         "static": _points(truth.static_seen(resolution_m), resolution_m),
+        "uncertain": _points(truth.glass_seen(resolution_m), resolution_m),
         "objects": objects,
         "unassociated": unassociated,
         "high_dynamic": [

@@ -43,6 +43,11 @@ class Area(History):
         return self._whole.stamps_ns
 
     @property
+    def poses(self) -> NDArray[np.float64]:
+        """Poses at all scans, those that saw nothing of the area too."""
+        return self._whole.poses
+
+    @property
     def first_scan(self) -> int:
         """Number of the first scan of the period."""
         return self._whole.first_scan

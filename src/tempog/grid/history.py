@@ -129,6 +129,11 @@ class History(ABC):
     def stamps_ns(self) -> NDArray[np.int64]:
         """``(n_scans,)`` stamp of each scan, ascending."""
 
+    @property
+    @abstractmethod
+    def poses(self) -> NDArray[np.float64]:
+        """``(n_scans, 3)`` pose of the laser at each scan, map frame: x, y in metres, theta in radians."""
+
     @abstractmethod
     def runs(self) -> Iterator[Runs]:
         """All intervals, in sets from oldest to newest; per cell, later sets hold later intervals."""
@@ -385,6 +390,11 @@ class Window(History):
     def stamps_ns(self) -> NDArray[np.int64]:
         """Stamps of all scans, those outside the period too."""
         return self._whole.stamps_ns
+
+    @property
+    def poses(self) -> NDArray[np.float64]:
+        """Poses at all scans, those outside the period too."""
+        return self._whole.poses
 
     def runs(self) -> Iterator[Runs]:
         """All intervals, those outside the period too."""

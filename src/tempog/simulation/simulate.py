@@ -145,6 +145,10 @@ def simulate(world: World, duration_s: float | None = None, seed: int = 0, peopl
     things_at = slice(len(walls), len(walls) + 4 * len(things))
     passes = np.zeros((len(world.glass), laser.n_beams), dtype=np.uint8)
     pass_share = np.array([[pane.pass_share] for pane in world.glass]).reshape(-1, 1)
+    ends = np.array([(pane.start, pane.end) for pane in world.glass]).reshape(-1, 2, 2)
+    along = np.arctan2(*(ends[:, 1] - ends[:, 0]).T[::-1])[:, None]
+    seen_within_rad = np.radians([pane.seen_within_deg for pane in world.glass]).reshape(-1, 1)
+    least_square = np.where(seen_within_rad < np.pi / 2, np.cos(seen_within_rad), 0.0)
     legs = Legs(n_people, crowd.radius_m) if crowd.legs else None
     all_legs = np.empty((n_scans, n_people, 2, 2)) if crowd.legs else None
     discs = np.full((n_people, 3), crowd.radius_m) if legs is None else np.full((2 * n_people, 3), LEG_RADIUS_M)
@@ -188,6 +192,7 @@ def simulate(world: World, duration_s: float | None = None, seed: int = 0, peopl
         starts, angles = beams_of(laser, poses[i], sweep_ends[i])
         if len(passes):
             passes[:] = glass_rng.random(passes.shape) < pass_share
+            passes |= abs(np.sin(angles - along)) < least_square
         cast_beams(
             starts[:, 0],
             starts[:, 1],

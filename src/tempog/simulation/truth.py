@@ -192,6 +192,11 @@ class Truth:
         ends = self.end_cells(Hit.WALL, resolution_m)
         return ends[contained(ends, self.static_cells(resolution_m))]
 
+    def glass_seen(self, resolution_m: float) -> NDArray[np.int64]:
+        """Cells that only glass covers and in which beams ended on it; (n_cells, 2), sorted."""
+        ends = self.end_cells(Hit.GLASS, resolution_m)
+        return ends[contained(ends, self.static_cells(resolution_m, glass=True))]
+
 
 def truth_paths(log: Path) -> tuple[Path, Path]:
     """Where the truth about a log is kept: the .json and the .npz.

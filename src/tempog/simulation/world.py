@@ -58,12 +58,15 @@ class Glass:
     thickness_m : float, metres
     pass_share : float, 0..1
         How many of the beams that meet it pass, drawn anew for each beam and scan. It returns the others.
+    seen_within_deg : float, degrees, 0..90
+        Only beams this close to square onto it are returned at all; clear panes mirror the others away.
     """
 
     start: Point
     end: Point
     thickness_m: float = 0.02
     pass_share: float = 0.9
+    seen_within_deg: float = 90.0
 
     def __post_init__(self) -> None:
         if not (0 < self.thickness_m < math.inf and 0 <= self.pass_share <= 1):
@@ -71,6 +74,8 @@ class Glass:
                 f"glass: thickness_m = {self.thickness_m!r}, pass_share = {self.pass_share!r}; wanted metres above 0"
                 " and a share in 0..1"
             )
+        if not 0 <= self.seen_within_deg <= 90:
+            raise WorldError(f"glass: seen_within_deg = {self.seen_within_deg!r}; wanted degrees from 0 to 90")
         if math.dist(self.start, self.end) == 0:
             raise WorldError(f"glass stays at {self.start}; wanted two points that differ")
 

@@ -14,7 +14,7 @@ Lengths are metres, angles degrees, times seconds::
     [pose_error]   white_m, white_deg, drift_m, drift_deg, drift_s
     [[wall]]       line = [[x, y], ...] along its middle, thickness_m, closed; or corners of a convex block
     [[opening]]    from = [x, y], to = [x, y], along the middle of a wall
-    [[glass]]      line = [[x, y], ...] along its middle, thickness_m, pass_share
+    [[glass]]      line = [[x, y], ...] along its middle, thickness_m, pass_share, seen_within_deg
     [door.NAME]    hinge = [x, y], length_m, thickness_m, places = {closed = 0, open = 90}, initial, move_s;
                    or, sliding: closed = [x, y], open = [x, y], direction_deg instead of hinge and places
     [box.NAME]     size_m = [length, width], places = {here = [x, y, deg], ...}, initial, move_s
@@ -191,9 +191,10 @@ def _straight(start: NDArray[np.float64], end: NDArray[np.float64], thickness: f
 def _glass(table: Table) -> list[Glass]:
     line = table.points("line", 2)
     thickness, pass_share = table.number("thickness_m", 0.02), table.number("pass_share", 0.9)
+    seen_within_deg = table.number("seen_within_deg", 90.0)
     table.done()
     try:
-        return [Glass(start, end, thickness, pass_share) for start, end in pairwise(line)]
+        return [Glass(start, end, thickness, pass_share, seen_within_deg) for start, end in pairwise(line)]
     except WorldError as error:
         raise WorldError(f"{table.key}: {error}") from error
 

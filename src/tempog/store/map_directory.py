@@ -170,7 +170,7 @@ class SavedMap(History):
                 raise self._damaged(f"{name}.parquet is missing")
         scans = self._read("scans")
         self._stamps_ns: NDArray[np.int64] = scans["stamp_ns"]
-        self.poses: NDArray[np.float64] = np.stack([scans["x"], scans["y"], scans["theta"]], axis=-1)
+        self._poses: NDArray[np.float64] = np.stack([scans["x"], scans["y"], scans["theta"]], axis=-1)
         tiles = self._read("tiles")
         try:
             self.config = MapConfig.from_dict(self.manifest["config"])
@@ -180,6 +180,11 @@ class SavedMap(History):
             raise self._damaged(str(error)) from error
         if np.any(np.diff(self._stamps_ns) < 0):
             raise self._damaged("the stamps of its scans are out of order")
+
+    @property
+    def poses(self) -> NDArray[np.float64]:
+        """``(n_scans, 3)`` pose of the laser at each scan, map frame: x, y in metres, theta in radians."""
+        return self._poses
 
     @property
     def stamps_ns(self) -> NDArray[np.int64]:

@@ -49,12 +49,8 @@ SHORT_S = 0.1  # shorter than anybody takes to cross a cell
 ROW_INCHES = 0.22
 PALE = 0.25  # how much of an object's colour its free places have
 LONE_COLOUR: Colour = (0.90, 0.62, 0.0)
-OBJECTS_LEGEND = [
-    (BLACK, "static"),
-    (WHITE, "free"),
-    UNEXPLORED,
-    (LONE_COLOUR, "place in no object"),
-]
+UNCERTAIN_COLOUR: Colour = (0.0, 0.85, 0.85)
+BASE_LEGEND = [(BLACK, "static"), (WHITE, "free"), UNEXPLORED]
 
 
 def draw_objects(found: FoundObjects, *, title: str = "") -> Figure:
@@ -75,7 +71,7 @@ def draw_objects(found: FoundObjects, *, title: str = "") -> Figure:
     figure, axes = canvas(*extent.shape, has_bar=False)
     paint_objects(axes, found)
     axes.set_title(" · ".join(part for part in (title, counts(found)) if part), fontsize=9, loc="left")
-    add_legend(figure, OBJECTS_LEGEND)
+    add_legend(figure, [*_base_legend(found), (LONE_COLOUR, "place in no object")])
     return figure
 
 
@@ -104,7 +100,7 @@ def draw_high_dynamic(found: FoundObjects, *, title: str = "") -> Figure:
     bar = figure.colorbar(colours, ax=axes, shrink=0.8, pad=0.015, aspect=30)
     bar.set_label("seconds occupied by something on the move", fontsize=8)
     bar.ax.tick_params(labelsize=8)
-    add_legend(figure, [(BLACK, "static"), (WHITE, "free"), UNEXPLORED])
+    add_legend(figure, _base_legend(found))
     return figure
 
 
@@ -223,7 +219,13 @@ def _base(walls: NDArray[np.int8]) -> Rgb:
     rgb[:] = as_rgb(WHITE)
     rgb[walls == CellClass.UNEXPLORED] = as_rgb(GREY)
     rgb[walls == CellClass.STATIC] = as_rgb(BLACK)
+    rgb[walls == CellClass.UNCERTAIN] = as_rgb(UNCERTAIN_COLOUR)
     return rgb
+
+
+def _base_legend(found: FoundObjects) -> list[tuple[Colour, str]]:
+    anywhere = bool((found.walls == CellClass.UNCERTAIN).any())
+    return [*BASE_LEGEND, (UNCERTAIN_COLOUR, "uncertain: glass")] if anywhere else BASE_LEGEND
 
 
 def _cells(found: FoundObjects) -> Rgb:

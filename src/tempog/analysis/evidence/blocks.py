@@ -18,9 +18,11 @@ from tempog.analysis.evidence.kernels import add_content, joint_evidence, state_
 from tempog.analysis.evidence.known import Known, digest
 from tempog.analysis.evidence.states import Alike, CellStates, within
 from tempog.analysis.evidence.threads import in_threads
+from tempog.analysis.evidence.views import Scans, explained_by_view
 from tempog.analysis.series import Intervals, ever_occupied
 from tempog.grid.history import History
 from tempog.methods import EvidenceConfig
+from tempog.sensing.grid_spec import GridSpec
 from tempog.sensing.tiles import TILE
 
 BLOCK_TILES = 16  # along a side: 6.4 m of 0.05 m cells; larger ones gain little, as their border is short already
@@ -34,6 +36,7 @@ class BlockEvidence(NamedTuple):
     n_periods : (n,) int64
         Of each cell.
     evidence, seconds : (n, 2) float64
+    by_view : (n,) bool
         As in `CellStates`.
     left, right : (n_pairs, 2) int64
         Row and col of pairs of cells whose left one is in the block, while the right one may be beyond its border.
@@ -44,6 +47,7 @@ class BlockEvidence(NamedTuple):
     n_periods: NDArray[np.int64]
     evidence: NDArray[np.float64]
     seconds: NDArray[np.float64]
+    by_view: NDArray[np.bool_]
     left: NDArray[np.int64]
     right: NDArray[np.int64]
     weight: NDArray[np.float64]
@@ -55,6 +59,7 @@ def look_at_block(
     cols: NDArray[np.int64],
     own: NDArray[np.bool_],
     resolution_m: float,
+    scans: Scans,
     settings: EvidenceConfig,
 ) -> BlockEvidence:
     """Work out what a block says.
@@ -67,6 +72,8 @@ def look_at_block(
         Of these cells, sorted by row, then column.
     own : (n,) bool
         Which of them are the block's.
+    scans : Scans
+        All of the history.
     """
     evidence, seconds = np.zeros((2, len(rows), 2))
     state_evidence(*courses.smoothed, settings.worth_s, evidence, seconds)
@@ -77,10 +84,12 @@ def look_at_block(
     joint = np.zeros((len(left), 4))
     joint_evidence(*courses.smoothed, left, right, settings.worth_s, joint)
     places = np.stack([rows, cols], axis=-1)
+    points_map = GridSpec(resolution_m).centres(rows[own], cols[own])
     return BlockEvidence(
         np.diff(courses.offsets)[own],
         evidence[own],
         seconds[own],
+        explained_by_view(courses, np.flatnonzero(own), points_map, scans, settings),
         places[left],
         places[right],
         likelihood_ratios(joint),
@@ -103,8 +112,9 @@ def cell_states(
     intervals = Intervals.of(history, look_ns)
     content = cell_content(history) if known is not None else np.zeros(history.tiles.n_cells, dtype=np.uint64)
     layout = _lay_out(history, content, block_tiles * TILE, settings)
+    scans = Scans(intervals.stamps_ns, history.poses, intervals.look_ns)
     held: dict[int, Courses] = {}
-    found = _look_at_blocks(layout, intervals, settings, known, held)
+    found = _look_at_blocks(layout, intervals, scans, settings, known, held)
 
     def load(block: int) -> Courses:
         return smoothed_courses(intervals, layout.numbers[layout.members[block]], settings)
@@ -112,8 +122,9 @@ def cell_states(
     n = len(layout.rows)
     n_periods, place_of = np.zeros((2, n), dtype=np.int64)
     evidence, seconds = np.zeros((2, n, 2))
+    by_view = np.zeros(n, dtype=np.bool_)
     for one, mine in zip(found, layout.members, strict=True):
-        n_periods[mine], evidence[mine], seconds[mine] = one[:3]
+        n_periods[mine], evidence[mine], seconds[mine], by_view[mine] = one[:4]
         place_of[mine] = np.arange(len(mine))
     return CellStates(
         layout.rows,
@@ -126,6 +137,7 @@ def cell_states(
         _alike(found, layout.rows, layout.cols),
         BlockCourses(layout.block_of, place_of, n_periods, load, held),
         layout.content,
+        by_view,
     )
 
 
@@ -177,6 +189,7 @@ def _lay_out(history: History, content: NDArray[np.uint64], side: int, settings:
 def _look_at_blocks(
     layout: _Layout,
     intervals: Intervals,
+    scans: Scans,
     settings: EvidenceConfig,
     known: Known | None,
     held: dict[int, Courses],
@@ -196,7 +209,7 @@ def _look_at_blocks(
         if fits:
             held[block] = HeldCourses(courses).of(np.flatnonzero(own))
         places = (layout.rows[cells], layout.cols[cells], own)
-        return look_at_block(courses, *places, layout.resolution_m, settings)
+        return look_at_block(courses, *places, layout.resolution_m, scans, settings)
 
     blocks = range(len(layout.members))
     if known is None:
@@ -215,13 +228,31 @@ def _look_at_blocks(
 
 
 def cell_content(history: History) -> NDArray[np.uint64]:
-    """Per cell number, 64 bits that differ if anything else was measured in the cell within the period."""
+    """Per cell number, 64 bits that differ if anything else was measured in the cell within the period.
+
+    Or if it was measured from elsewhere: by scans at other moments or places between a first and a last look.
+    """
     content = np.zeros(history.tiles.n_cells, dtype=np.uint64)
+    sums = _scan_sums(history.stamps_ns, history.poses)
     for runs in history.runs():
         bits = np.ascontiguousarray(runs.value).view(np.uint32)
         period = (history.first_scan, history.last_scan, history.stamps_ns)
-        add_content(runs.cells, runs.offsets, runs.first, runs.last, bits, *period, content)
+        add_content(runs.cells, runs.offsets, runs.first, runs.last, bits, *period, *sums, content)
     return content
+
+
+def _scan_sums(
+    stamps_ns: NDArray[np.int64], poses: NDArray[np.float64]
+) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
+    """For each scan, 64 bits of all scans before its stamp, and of all up to it: when, and where the laser was."""
+    mixed = stamps_ns.astype(np.uint64)
+    for coordinate in poses[:, :2].T:
+        mixed = (mixed ^ np.ascontiguousarray(coordinate).view(np.uint64)) * np.uint64(0xBF58476D1CE4E5B9)
+        mixed ^= mixed >> np.uint64(31)
+        mixed *= np.uint64(0x94D049BB133111EB)
+        mixed ^= mixed >> np.uint64(29)
+    sums = np.append(np.zeros(1, np.uint64), np.cumsum(mixed, dtype=np.uint64))
+    return sums[np.searchsorted(stamps_ns, stamps_ns)], sums[np.searchsorted(stamps_ns, stamps_ns, side="right")]
 
 
 def _alike(blocks: list[BlockEvidence], rows: NDArray[np.int64], cols: NDArray[np.int64]) -> Alike:

@@ -44,6 +44,7 @@ def find_by_evidence(
         known.begin((settings, look, history.tiles.spec.resolution_m, block_tiles))
     states = cell_states(history, settings, known, block_tiles, look)
     places = find_places(states, group_cells(states, settings, known), settings, known)
+    places = [place for place in places if 2 * np.count_nonzero(states.by_view[place.cells]) <= len(place.cells)]
     places, sets = without_doubtful(places, associate_places(places, settings), settings)
     several = {i for one in sets for i in one.members}
     hidden = _hidden(states, places, [k for k in range(len(places)) if k not in several], settings, known)
@@ -109,12 +110,13 @@ def _configuration(number: int, place: Place, states: CellStates, hypothesis: bo
 
 
 def _classes(history: History, states: CellStates, places: list[Place], settings: EvidenceConfig) -> NDArray[np.int8]:
-    """Static is what was occupied for most of the time and belongs to no place."""
+    """Static is what was occupied most of the time and belongs to no place; uncertain what depends on the view."""
     classes = np.full(history.tiles.n_cells, CellClass.UNEXPLORED, dtype=np.int8)
     classes[ever_occupied(history, above=0.0)] = CellClass.FREE
     share = states.occupied_share
     numbers = states.numbers
     classes[numbers[share > 1 - settings.static_share]] = CellClass.CHANGING
+    classes[numbers[states.by_view]] = CellClass.UNCERTAIN
     classes[numbers[share >= settings.static_share]] = CellClass.STATIC
     for place in places:
         classes[numbers[place.cells]] = CellClass.CHANGING

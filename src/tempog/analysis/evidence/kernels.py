@@ -332,11 +332,14 @@ def add_content(
     since: int,
     until: int,
     stamps_ns: NDArray[np.int64],
+    before: NDArray[np.uint64],
+    after: NDArray[np.uint64],
     content: NDArray[np.uint64],
 ) -> None:
     """Mix what the scans since..until saw of each cell into its 64 bits: when intervals began and ended, and values.
 
-    content (n_cells,)   by cell number   [updated]
+    before, after (n_scans,)   sums over the scans before each scan, and up to it: of when and where from they were
+    content (n_cells,)         by cell number   [updated]
     """
     for i in range(cells.shape[0]):
         mixed = content[cells[i]]
@@ -349,4 +352,74 @@ def add_content(
                 mixed ^= mixed >> np.uint64(29)
                 mixed = (mixed ^ np.uint64(value_bits[k])) * np.uint64(0xD6E8FEB86659FD93)
                 mixed ^= mixed >> np.uint64(32)
+                meanwhile = after[min(last[k], until)] - before[max(first[k], since)]
+                mixed = (mixed ^ meanwhile) * np.uint64(0x9FB21C651E98DF25)
+                mixed ^= mixed >> np.uint64(28)
         content[cells[i]] = mixed
+
+
+@kernel
+def count_views(
+    offsets: NDArray[np.int64],
+    start_ns: NDArray[np.int64],
+    stop_ns: NDArray[np.int64],
+    state: NDArray[np.uint8],
+    which: NDArray[np.int64],
+    points_map: NDArray[np.float64],
+    stamps_ns: NDArray[np.int64],
+    poses: NDArray[np.float64],
+    look_ns: int,
+    every: int,
+    same_pass_ns: int,
+    visits: NDArray[np.int64],
+    steps: NDArray[np.int64],
+) -> None:
+    """For some series, in how many visits from each direction the cell was free, and occupied, for the most part.
+
+    which (n,) series; points_map (n, 2) where their cells are
+    stamps_ns (n_scans,), poses (n_scans, 3)   of the laser; each `every`-th scan of a period is looked at
+    look_ns                                    periods last so much longer than to their last scan
+    same_pass_ns                               a visit ends with another direction, or when unseen for longer
+    visits (n, n_directions, 2)   [updated]
+    steps (n, 2, 2)               from the state in one visit to that in the next   [updated]
+    """
+    n_directions = visits.shape[1]
+    borders = np.arange(n_directions + 1) * (2 * math.pi / n_directions) - math.pi
+    border_x, border_y = np.cos(borders), np.sin(borders)
+    for i in range(which.shape[0]):
+        x, y = points_map[i, 0], points_map[i, 1]
+        direction, before = -1, -1
+        n_free, n_occupied = 0, 0
+        seen_ns = np.int64(0)
+        for k in range(offsets[which[i]], offsets[which[i] + 1]):
+            last_ns = max(start_ns[k], stop_ns[k] - look_ns)
+            scan = np.searchsorted(stamps_ns, start_ns[k])
+            while scan < stamps_ns.shape[0] and stamps_ns[scan] <= last_ns:
+                dx, dy = poses[scan, 0] - x, poses[scan, 1] - y
+                towards = direction
+                if not (  # mostly it is the one before; without this the kernel takes half as long again
+                    direction >= 0
+                    and border_x[direction] * dy >= border_y[direction] * dx
+                    and border_y[direction + 1] * dx > border_x[direction + 1] * dy
+                ):
+                    share = (math.atan2(dy, dx) + math.pi) / (2 * math.pi)
+                    towards = min(int(share * n_directions), n_directions - 1)
+                if towards != direction or stamps_ns[scan] - seen_ns > same_pass_ns:
+                    if direction >= 0:
+                        now = int(n_occupied > n_free)
+                        visits[i, direction, now] += 1
+                        if before >= 0:
+                            steps[i, before, now] += 1
+                        before = now
+                    direction, n_free, n_occupied = towards, 0, 0
+                if state[k]:
+                    n_occupied += 1
+                else:
+                    n_free += 1
+                seen_ns = stamps_ns[scan]
+                scan += every
+        if direction >= 0:
+            now = int(n_occupied > n_free)
+            visits[i, direction, now] += 1
+            if before >= 0:
+                steps[i, before, now] += 1

@@ -53,7 +53,9 @@ class CellStates:
     courses : CourseSource
         When each of the cells was in which state.
     content : (n,) uint64
-        Differs if anything else was measured in a cell; zeros if nobody asked for it.
+        Differs if anything else was measured in a cell, or from elsewhere; zeros if nobody asked for it.
+    by_view : (n,) bool
+        Which cells were free or occupied by where they were seen from: glass.
     """
 
     rows: NDArray[np.int64]
@@ -66,6 +68,7 @@ class CellStates:
     alike: Alike
     courses: CourseSource
     content: NDArray[np.uint64]
+    by_view: NDArray[np.bool_]
 
     @property
     def occupied_share(self) -> NDArray[np.float64]:

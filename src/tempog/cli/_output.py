@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from tempog.scans.scan import Scan
 
+Tracked = TypeVar("Tracked")
 PICTURE_SUFFIXES = (".png", ".pdf", ".svg", ".jpg", ".webp")
 
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
@@ -89,21 +90,26 @@ def check_duration(seconds: float | None) -> None:
         raise ConfigError(f"--duration {seconds:g} cannot work; wanted seconds above 0")
 
 
-def track_scans(scans: list[Scan]) -> Iterable[Scan]:
-    """The scans, with a progress bar on standard error."""
+def track_scans(scans: Sequence[Scan]) -> Iterable[Scan]:
+    """The scans, with a progress bar for mapping them on standard error."""
+    return track("mapping", scans)
+
+
+def track(text: str, scans: Sequence[Tracked]) -> Iterable[Tracked]:
+    """Scans or their numbers, with a progress bar on standard error: how many, how many a second, time left."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    def tracked() -> Iterator[Scan]:
+    def tracked() -> Iterator[Tracked]:
         columns = (
-            TextColumn("mapping"),
+            TextColumn(text),
             BarColumn(),
             MofNCompleteColumn(),
             TextColumn("scans  {task.fields[rate]}"),
             TimeRemainingColumn(),
         )
         with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-            task = progress.add_task("mapping", total=len(scans), rate="")
+            task = progress.add_task(text, total=len(scans), rate="")
             for done, scan in enumerate(scans):
                 yield scan
                 if done % 64 == 0:

@@ -6,6 +6,7 @@ import json
 import shutil
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
 
@@ -22,6 +23,7 @@ from tempog.cli._output import (
     print_note,
     save_figure,
     status,
+    track,
     track_scans,
     wants_progress,
 )
@@ -95,8 +97,8 @@ def experiment(
     wants_bar = wants_progress(quiet)
     for title, (world, n_people) in runs.items():
         for one_seed in range(seed, seed + seeds):
-            with status(f"experiment {title}, seed {one_seed}: simulating", wants_bar):
-                drive = drive_through(world, n_people, one_seed, duration)
+            bar = partial(track, f"experiment {title}, seed {one_seed}: simulating") if wants_bar else None
+            drive = drive_through(world, n_people, one_seed, duration, bar)
             for resolution_m in resolutions:
                 for one_method in methods:
                     outcome = examine(drive, one_method, resolution_m, track_scans if wants_bar else None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -18,7 +19,7 @@ from tempog.cli._output import (
     counted,
     duration_text,
     print_json,
-    status,
+    track,
     wants_progress,
 )
 from tempog.errors import ConfigError
@@ -49,8 +50,8 @@ def simulate(
     for path in (output, *truth_paths(output)):
         check_new_file(path, force)
     described = load_world(world, seed)
-    with status(f"simulating {world}", wants_progress(quiet or json)):
-        simulation = run(described, duration, seed=seed, people=people)
+    bar = partial(track, f"simulating {world}") if wants_progress(quiet or json) else None
+    simulation = run(described, duration, seed=seed, people=people, track=bar)
     for path in truth_paths(output):
         path.unlink(missing_ok=True)  # if writing stops half-way, a log without truth is better than with another's
     if output.suffix.lower() == ".npz":

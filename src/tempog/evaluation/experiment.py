@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -80,12 +80,16 @@ class Outcome:
 
 
 def drive_through(
-    world: str = "hallway", people: int | None = None, seed: int = 0, duration_s: float | None = None
+    world: str = "hallway",
+    people: int | None = None,
+    seed: int = 0,
+    duration_s: float | None = None,
+    track: Callable[[Sequence[int]], Iterable[int]] | None = None,
 ) -> Drive:
     """Simulate one drive; see `load_world` and `simulate` for the parameters."""
     started = time.perf_counter()
     described = load_world(world, seed)
-    simulation = simulate(described, duration_s, seed=seed, people=people)
+    simulation = simulate(described, duration_s, seed=seed, people=people, track=track)
     seconds = time.perf_counter() - started
     n_people = simulation.people.shape[1]
     return Drive(Path(world).stem, described, seed, n_people, simulation, Truth.of(simulation), seconds)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +21,13 @@ LONGEST_STEP_S = 0.05  # nobody moves more than 8 cm at once, less than half of 
 SHORTEST_RANGE_M = 0.001  # m; noise on a beam that starts at a wall would else make it zero or negative
 
 
-def simulate(world: World, duration_s: float | None = None, seed: int = 0, people: int | None = None) -> Simulation:
+def simulate(
+    world: World,
+    duration_s: float | None = None,
+    seed: int = 0,
+    people: int | None = None,
+    track: Callable[[Sequence[int]], Iterable[int]] | None = None,
+) -> Simulation:
     """Take the scans that the robot of a world would take.
 
     Doors wait until nobody is in their way; the robot stops for leaves and people; people walk around walls,
@@ -36,6 +43,8 @@ def simulate(world: World, duration_s: float | None = None, seed: int = 0, peopl
         Of people, dwell times, glass, noise and pose error. The same seed gives the same simulation.
     people : int, optional
         How many walk, instead of `world.people.number`; tracks are replayed all the same.
+    track : callable, optional
+        Takes the numbers of the scans and gives them back one by one: a progress bar.
 
     Returns
     -------
@@ -170,7 +179,7 @@ def simulate(world: World, duration_s: float | None = None, seed: int = 0, peopl
     ids = np.empty((n_scans, laser.n_beams), dtype=np.int32)
     epoch = np.zeros(2, dtype=np.int32)
     replay(0.0, dt, tracks, moving_people)
-    for i in range(n_scans):
+    for i in track(range(n_scans)) if track else range(n_scans):
         poses[i] = pose
         positions[i] = np.where(where < FAR_M / 2, where, np.nan)
         all_corners[i] = np.where(corners < FAR_M / 2, corners, np.nan)

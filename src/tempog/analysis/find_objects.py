@@ -59,7 +59,10 @@ class FoundObjects:
     @property
     def static_points_map(self) -> NDArray[np.float64]:
         """Centres of the static cells, (n, 2) metres; row by row."""
-        rows, cols = np.nonzero(self.walls == CellClass.STATIC)
+        return self._centres(CellClass.STATIC)
+
+    def _centres(self, what: CellClass) -> NDArray[np.float64]:
+        rows, cols = np.nonzero(self.walls == what)
         return self.history.tiles.spec.centres(rows + self.extent.row0, cols + self.extent.col0)
 
     def walls_over(self, extent: Extent) -> NDArray[np.int8]:
@@ -72,9 +75,7 @@ class FoundObjects:
     @property
     def uncertain_points_map(self) -> NDArray[np.float64]:
         """Centres of the cells that are occupied or free by where they are seen from, (n, 2) metres: glass."""
-        tiles = self.history.tiles
-        uncertain = static_cells(self.history, self.walls, CellClass.UNCERTAIN)
-        return tiles.spec.centres(*tiles.rows_cols(np.flatnonzero(uncertain).astype(np.int32)))
+        return self._centres(CellClass.UNCERTAIN)
 
     def high_dynamic(self, at: Moment | None = None) -> HighDynamic:
         """What was on the move at one measurement (Fig. 11); default: the last. See `high_dynamic`."""

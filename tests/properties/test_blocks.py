@@ -15,7 +15,7 @@ from fed_grid import empty_grid, feed, grid_of
 from strategies import STREAM_START_NS, Stream
 from tempog.analysis.evidence import blocks, places
 from tempog.analysis.evidence.known import Known
-from tempog.analysis.evidence.places import Place
+from tempog.analysis.evidence.places import Place, as_arrays
 from tempog.analysis.find_objects import FoundObjects, find_objects
 from tempog.analysis.growing import EvidenceAnalysis
 from tempog.errors import ConfigError, TimeError
@@ -251,7 +251,7 @@ def piece(x_m: float, y_m: float, length_m: float) -> Place:
     """Cells in a row from a point on."""
     n = round(length_m / 0.05)
     points = np.stack([x_m + 0.05 * np.arange(n), np.full(n, y_m)], axis=-1)
-    return Place(np.arange(n), points, (), (), 0.05)
+    return Place(np.arange(n), points, as_arrays([]), (), 0.05)
 
 
 @given(st.lists(st.tuples(st.integers(0, 40), st.integers(0, 40), st.integers(3, 60)), max_size=12))

@@ -73,7 +73,7 @@ class Place:
     cells : (n,) int64
         Indices into `CellStates`, sorted.
     points_map : (n, 2) float64, metres
-    periods : tuple of Period
+    course : PeriodArrays
         The state of most of the cells seen, while enough of them were; gaps are times without.
     stays : tuple of Stay
         Of a minimal observed time.
@@ -83,7 +83,7 @@ class Place:
 
     cells: NDArray[np.int64]
     points_map: NDArray[np.float64]
-    periods: tuple[Period, ...]
+    course: PeriodArrays
     stays: tuple[Stay, ...]
     resolution_m: float
     log_odds: float = 0.0
@@ -105,9 +105,10 @@ class Place:
         return fit_line(self.points_map, self.resolution_m)
 
     @cached_property
-    def course(self) -> PeriodArrays:
-        """Its periods as arrays."""
-        return as_arrays(self.periods)
+    def periods(self) -> tuple[Period, ...]:
+        """The course as objects, which take more time to make than all else: most groups are people, of many."""
+        start_ns, stop_ns, state = (part.tolist() for part in self.course)
+        return tuple(map(Period, start_ns, stop_ns, [STATES[k] for k in state]))
 
     @cached_property
     def occupied(self) -> tuple[Stay, ...]:
@@ -161,7 +162,7 @@ def candidates(
     large = [group for group in groups if _reach_m(states, group) >= settings.piece_m]
     measured: dict[int, Place] = {}
     for k in by_block(states, large):
-        measured[k] = _measured(states, large[k], settings, known, pieces_only=True)
+        measured[k] = _measured(states, large[k], settings, known)
     pieces = [measured[k] for k in range(len(large)) if _may_be_part(measured[k], settings)]
     comes_back = np.zeros(len(states.rows), dtype=np.bool_)
     for piece in pieces:
@@ -200,18 +201,9 @@ def looks_m(settings: EvidenceConfig) -> float:
     return max(settings.ring_m, settings.echo_m)
 
 
-def _measured(
-    states: CellStates,
-    cells: NDArray[np.int64],
-    settings: EvidenceConfig,
-    known: Known | None,
-    pieces_only: bool = False,
-) -> Place:
+def _measured(states: CellStates, cells: NDArray[np.int64], settings: EvidenceConfig, known: Known | None) -> Place:
     """As `measure`, or as it was measured before: cells may have other indices by now."""
-    purpose = "piece" if pieces_only else "whole"
-    place = recalled(
-        known, lambda: states.digest(purpose, cells), lambda: measure(states, cells, settings, pieces_only)
-    )
+    place = recalled(known, lambda: states.digest("piece", cells), lambda: measure(states, cells, settings))
     return replace(place, cells=cells)
 
 
@@ -227,13 +219,8 @@ def _traits(
     return recalled(known, key, lambda: traits_of(states, place, comes_back, settings))
 
 
-def measure(
-    states: CellStates, cells: NDArray[np.int64], settings: EvidenceConfig, pieces_only: bool = False
-) -> Place:
-    """The course of a group's states: what most of its cells say while enough of them are seen.
-
-    With `pieces_only`, groups that cannot be part of a place get no periods: most groups are people, of many.
-    """
+def measure(states: CellStates, cells: NDArray[np.int64], settings: EvidenceConfig) -> Place:
+    """The course of a group's states: what most of its cells say while enough of them are seen."""
     _, start, stop, state = states.courses.of(cells).smoothed
     order = np.argsort(np.concatenate([start, stop]), kind="stable")
     periods, stays = np.empty((2, 3, len(order)), dtype=np.int64)
@@ -245,11 +232,9 @@ def measure(
     first_ns, last_ns, occupied = stays[:, kept].tolist()
     together = (agree_s / observed_s).tolist()
     of_minimal_time = tuple(map(Stay, map(bool, occupied), first_ns, last_ns, observed_s.tolist(), together))
-    place = Place(cells, states.points_map(cells), (), of_minimal_time, states.resolution_m)
-    if pieces_only and not _may_be_part(place, settings):
-        return place
-    since, until, state_of = periods[:, :n_periods].tolist()
-    return replace(place, periods=tuple(map(Period, since, until, [STATES[k] for k in state_of])))
+    start_ns, stop_ns, state_of = periods[:, :n_periods].copy()
+    course = PeriodArrays(start_ns, stop_ns, state_of.astype(np.uint8))
+    return Place(cells, states.points_map(cells), course, of_minimal_time, states.resolution_m)
 
 
 def _reach_m(states: CellStates, cells: NDArray[np.int64]) -> float:

@@ -21,11 +21,12 @@ from report import Row, Section, at_most
 
 from tempog import EvidenceAnalysis, EvidenceConfig, History, build_grid, find_objects
 from tempog.analysis.evidence.blocks import cell_states
+from tempog.analysis.series import ever_occupied
 from tempog.config import MapConfig
 from tempog.grid.segments import Runs
 from tempog.grid.temporal_grid import TemporalGrid
 from tempog.sensing.grid_spec import GridSpec
-from tempog.sensing.tiles import TileIndex
+from tempog.sensing.tiles import TILE, TileIndex
 from tempog.simulation import load_world, simulate
 
 SPAN_S, N_SPANS = 900.0, 10
@@ -34,6 +35,7 @@ SCAN_NS = 100_000_000
 ADDED_SCANS = 600  # a minute
 BIG = (1_000_000, 100_000_000)  # cells and intervals
 SMALL = (500_000, 10_000_000)  # ... of a quick run, and for comparison
+HIT = np.float32(0.9)
 GIGABYTE = 2.0**30
 
 
@@ -46,9 +48,11 @@ class Town(History):
         One after the other is laid beside those before, the first again after the last.
     n_cells, n_intervals : int
         So many observed cells and intervals there are at least.
+    crowded : bool
+        Somebody stood in every cell at some time: each square of 0.4 m is taken during one interval of its cells.
     """
 
-    def __init__(self, drives: Sequence[TemporalGrid], n_cells: int, n_intervals: int) -> None:
+    def __init__(self, drives: Sequence[TemporalGrid], n_cells: int, n_intervals: int, crowded: bool = False) -> None:
         self.config = MapConfig()
         counts = [(drive.n_cells, drive.n_intervals) for drive in drives]
         n_copies = 1
@@ -60,6 +64,10 @@ class Town(History):
         self.tiles = self._laid_out()
         self._sets = [self._repeated([drive.all_runs() for drive in self._drives], self.n_laps)]
         self._n_scans = self.n_laps * self.n_scans_of_lap
+        if crowded:
+            (runs,) = self._sets
+            when = np.random.default_rng(0).random(self.tiles.n_tiles)[runs.cells // TILE**2]
+            runs.value[runs.offsets[:-1] + (when * np.diff(runs.offsets)).astype(np.int64)] = HIT
 
     @property
     def stamps_ns(self) -> NDArray[np.int64]:
@@ -118,7 +126,8 @@ class Town(History):
 
 def run(names: list[str], n_scans: int | None, n_repetitions: int) -> list[Section]:
     """Needs no log."""
-    return [_spans(n_repetitions), _towns([SMALL] if n_scans else [SMALL, BIG])]
+    sizes = [SMALL] if n_scans else [SMALL, BIG]
+    return [_spans(n_repetitions), _towns(sizes), _crowded(sizes[-1])]
 
 
 def _spans(n_repetitions: int) -> Section:
@@ -175,8 +184,25 @@ def _towns(sizes: Sequence[tuple[int, int]]) -> Section:
     return section
 
 
-def _in_its_own_process(size: tuple[int, int]) -> dict[str, Any]:
-    command = [sys.executable, str(Path(__file__)), *map(str, size)]
+def _crowded(size: tuple[int, int]) -> Section:
+    """The worst that a map of this size can be for the method: no cell was always free."""
+    section = Section("Objects: the same where somebody stood in every cell at some time, two cores")
+    answer = _in_its_own_process(size, "crowded")
+    name = f"{answer['n_cells'] / 1e6:.2f} M cells, {answer['n_intervals'] / 1e6:.0f} M intervals"
+    minutes, gigabytes = answer["seconds"] / 60, answer["peak_bytes"] / GIGABYTE
+    section.rows += [
+        Row(name, f"{answer['seconds']:.1f} s", "", minutes, at_most(10.0, "min"), "min"),
+        Row(f"{name}, peak of the process", "", "", gigabytes, at_most(12.0, "GB"), "GB"),
+    ]
+    section.notes.append(
+        f"{answer['n_hit']} cells were ever hit; {answer['n_places']} places, {answer['n_objects']} objects;"
+        f" the map itself takes {answer['map_bytes'] / GIGABYTE:.2f} GB."
+    )
+    return section
+
+
+def _in_its_own_process(size: tuple[int, int], *how: str) -> dict[str, Any]:
+    command = [sys.executable, str(Path(__file__)), *map(str, size), *how]
     answer = subprocess.run(command, capture_output=True, text=True, check=True)
     found: dict[str, Any] = json.loads(answer.stdout)
     return found
@@ -186,6 +212,25 @@ def _drive(world: str, people: int, duration_s: float | None) -> TemporalGrid:
     grid = build_grid(simulate(load_world(world, 3), duration_s, seed=3, people=people).scans)
     assert isinstance(grid, TemporalGrid)
     return grid
+
+
+def _measure_crowded(n_cells: int, n_intervals: int) -> dict[str, Any]:
+    drives = [_drive(world, people, SPAN_S) for world, people in WORLDS]
+    find_objects(drives[0])  # compiles
+    town = Town(drives, n_cells, n_intervals, crowded=True)
+    start = time.perf_counter()
+    found = find_objects(town)
+    seconds = time.perf_counter() - start
+    return {
+        "n_cells": sum(drive.n_cells for drive in town._drives),
+        "n_intervals": sum(runs.n_intervals for runs in town._sets),
+        "map_bytes": sum(runs.nbytes for runs in town._sets),
+        "n_hit": int(np.count_nonzero(ever_occupied(town))),
+        "n_places": len(found.configurations),
+        "n_objects": len(found.objects),
+        "seconds": seconds,
+        "peak_bytes": memory.peak_bytes(),
+    }
 
 
 def _measure_town(n_cells: int, n_intervals: int) -> dict[str, Any]:
@@ -216,4 +261,5 @@ def _measure_town(n_cells: int, n_intervals: int) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    print(json.dumps(_measure_town(int(sys.argv[1]), int(sys.argv[2]))))
+    measure = _measure_crowded if "crowded" in sys.argv else _measure_town
+    print(json.dumps(measure(int(sys.argv[1]), int(sys.argv[2]))))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tempog import GridConfig, MapConfig, ObjectTracker, TemporalGrid, build_grid, find_objects
+from tempog import GridConfig, MapConfig, ObjectTracker, Scan, TemporalGrid, build_grid, find_objects
 from tempog.analysis.static import CellClass
 from tempog.analysis.unexplained import STAY_S, Unexplained
 from tempog.errors import ConfigError, EmptyWindowError
@@ -234,3 +234,20 @@ def test_a_tracker_refuses_another_lattice_and_unmapped_areas(scans) -> None:
     with pytest.raises(EmptyWindowError):
         tracker.learn(grid, Bounds(500, 501, 0, 1))
     assert tracker.found.history is grid
+
+
+def test_a_map_of_another_day_that_reaches_less_far_teaches_what_it_holds(scans) -> None:
+    found = find_objects(build_grid(scans))
+    tracker, today = ObjectTracker(found), TemporalGrid(scan_period_s=0.1)
+    for scan in scans[:1200]:
+        ranges = np.where(scan.ranges < 3.0, scan.ranges, np.nan)
+        pose = (scan.x, scan.y, scan.theta)
+        today.integrate(Scan(0.0, pose, scan.angles, ranges, stamp_ns=scan.stamp_ns + 86_400 * NS))
+    assert today.extent.n_rows < found.extent.n_rows
+    around = Bounds(6.0, 8.5, 2.0, 4.0)
+    tracker.learn(today, around)
+    now = tracker.found
+    assert now.extent == found.extent
+    outside = ~around.holds(found.static_points_map), ~around.holds(now.static_points_map)
+    np.testing.assert_array_equal(now.static_points_map[outside[1]], found.static_points_map[outside[0]])
+    assert len(now.high_dynamics(every_s=10.0)) == 12  # over the extent of today

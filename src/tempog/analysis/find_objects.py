@@ -66,10 +66,9 @@ class FoundObjects:
         return self.history.tiles.spec.centres(rows + self.extent.row0, cols + self.extent.col0)
 
     def walls_over(self, extent: Extent) -> NDArray[np.int8]:
-        """`walls` laid over an extent that contains its own: what was mapped since is unexplored in it."""
+        """`walls` laid over another extent: cells of it that `walls` does not reach are unexplored."""
         walls = np.full(extent.shape, CellClass.UNEXPLORED, dtype=np.int8)
-        row, col = self.extent.row0 - extent.row0, self.extent.col0 - extent.col0
-        walls[row : row + self.extent.n_rows, col : col + self.extent.n_cols] = self.walls
+        walls[self.extent.part_of(extent)] = self.walls[extent.part_of(self.extent)]
         return walls
 
     @property

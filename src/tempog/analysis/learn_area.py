@@ -138,7 +138,7 @@ def learn_area(
             timeline = tuple(period for period in one.timeline if period.configuration in there)
             objects.append(replace(one, configurations=tuple(left), timeline=timeline))
 
-    extent = history.extent
+    extent = history.extent.around(found.extent)  # a map of today may not reach as far as what is known
     had = {one.id for one in found.objects}
     has = {one.id for one in objects}
     learned = Learned(
@@ -221,8 +221,7 @@ def _walls(
     part = anew.extent
     rows, cols = np.indices(part.shape).reshape(2, -1)
     inside = bounds.holds(anew.history.tiles.spec.centres(rows + part.row0, cols + part.col0)).reshape(part.shape)
-    row, col = part.row0 - extent.row0, part.col0 - extent.col0
-    walls[row : row + part.n_rows, col : col + part.n_cols][inside] = anew.walls[inside]
+    walls[part.part_of(extent)][inside] = anew.walls[inside]
     for place in places:
         walls[place.cells[:, 0] - extent.row0, place.cells[:, 1] - extent.col0] = CellClass.CHANGING
     return walls

@@ -93,9 +93,38 @@ class Extent:
             (self.row0 + self.n_rows) * self.resolution_m,
         )
 
+    def around(self, other: Extent) -> Extent:
+        """The smallest extent that holds both; one without cells adds nothing.
+
+        >>> Extent(0, 0, 2, 3, 0.1).around(Extent(-1, 1, 1, 4, 0.1))
+        Extent(row0=-1, col0=0, n_rows=3, n_cols=5, resolution_m=0.1)
+        """
+        if not (self.n_rows and other.n_rows):
+            return self if self.n_rows else other
+        row0, col0 = min(self.row0, other.row0), min(self.col0, other.col0)
+        n_rows = max(self.row0 + self.n_rows, other.row0 + other.n_rows) - row0
+        n_cols = max(self.col0 + self.n_cols, other.col0 + other.n_cols) - col0
+        return Extent(row0, col0, n_rows, n_cols, self.resolution_m)
+
+    def part_of(self, other: Extent) -> tuple[slice, slice]:
+        """Where in an array over another extent the cells lie that both have.
+
+        >>> Extent(0, 0, 2, 3, 0.1).part_of(Extent(-1, 1, 2, 9, 0.1))
+        (slice(1, 2, None), slice(0, 2, None))
+        """
+        return (
+            _part(self.row0, self.n_rows, other.row0, other.n_rows),
+            _part(self.col0, self.n_cols, other.col0, other.n_cols),
+        )
+
     def index_of(self, x: float, y: float) -> tuple[int, int] | None:
         """Array index ``(row, col)`` of the point (map frame, metres); None outside."""
         row, col = GridSpec(self.resolution_m).cell_of(x, y)
         row, col = row - self.row0, col - self.col0
         inside = 0 <= row < self.n_rows and 0 <= col < self.n_cols
         return (row, col) if inside else None
+
+
+def _part(begin: int, n: int, other_begin: int, n_other: int) -> slice:
+    first, end = max(begin - other_begin, 0), min(begin + n - other_begin, n_other)
+    return slice(first, max(first, end))

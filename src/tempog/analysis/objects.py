@@ -149,6 +149,41 @@ class MovingObject:
         return self.stays[-1] if unclear_ns <= CLEAR_AFTER_S * NS_PER_S else None
 
 
+def timeline_of(
+    places: Sequence[Configuration], *, all_seen: bool = False
+) -> tuple[tuple[ObjectPeriod, ...], float, float, float]:
+    """What `MovingObject` says of a thing with some places: its `timeline`, `common_s`, `none_s` and `both_s`.
+
+    With `all_seen`, as the paper has it, the timeline covers only the time in which all places were seen.
+    """
+    moments = sorted({moment for place in places for period in place.periods for moment in period[:2]})
+    at = [0] * len(places)
+    timeline: list[ObjectPeriod] = []
+    common_ns = none_ns = both_ns = 0
+    for since, until in pairwise(moments):
+        known, there = 0, []
+        for k, place in enumerate(places):
+            periods = place.periods
+            while at[k] < len(periods) and periods[at[k]].stop_ns <= since:
+                at[k] += 1
+            if at[k] < len(periods) and periods[at[k]].start_ns <= since:
+                known += 1
+                if periods[at[k]].state == "occupied":
+                    there.append(place.id)
+        if known == len(places):
+            common_ns += until - since
+            none_ns += (until - since) * (not there)
+            both_ns += (until - since) * (len(there) > 1)
+        elif all_seen or not there:
+            continue  # it may be in a place that was not seen
+        where = there[0] if len(there) == 1 else None
+        if timeline and timeline[-1].stop_ns == since and timeline[-1].configuration == where:
+            timeline[-1] = timeline[-1]._replace(stop_ns=until)
+        else:
+            timeline.append(ObjectPeriod(since, until, where))
+    return tuple(timeline), common_ns / NS_PER_S, none_ns / NS_PER_S, both_ns / NS_PER_S
+
+
 class _Combined(NamedTuple):
     """The combined time series of some configurations (Fig. 9): bit k of `state` is set where the kth is occupied."""
 
@@ -210,7 +245,7 @@ def associate(
         if none_s <= none_share * common_s and both_s <= both_share * common_s:
             places = tuple(configurations[i] for i in members)
             confidence = 1 - (none_s + both_s) / common_s
-            found.append((places, _timeline(places, combined), common_s, none_s, both_s, confidence))
+            found.append((places, timeline_of(places, all_seen=True)[0], common_s, none_s, both_s, confidence))
     found.sort(key=lambda answer: (len(answer[0]), [place.id for place in answer[0]]))
     return [MovingObject(k + 1, *answer) for k, answer in enumerate(found)]
 
@@ -268,15 +303,3 @@ def _combine(combined: _Combined, another: _Combined, bit: int) -> _Combined:
     shifted = _Combined(another.start_ns, another.stop_ns, another.state << bit)
     n = intersect(*combined, *shifted, start_ns, stop_ns, state)
     return _Combined(start_ns[:n], stop_ns[:n], state[:n])
-
-
-def _timeline(places: tuple[Configuration, ...], combined: _Combined) -> tuple[ObjectPeriod, ...]:
-    place_of = {1 << k: place.id for k, place in enumerate(places)}
-    timeline: list[ObjectPeriod] = []
-    for start, stop, state in zip(*(column.tolist() for column in combined), strict=True):
-        place = place_of.get(state)
-        if timeline and timeline[-1].stop_ns == start and timeline[-1].configuration == place:
-            timeline[-1] = timeline[-1]._replace(stop_ns=stop)
-        else:
-            timeline.append(ObjectPeriod(start, stop, place))
-    return tuple(timeline)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import partial
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from tempog.analysis.evidence.hidden import Hidden, hidden_places
 from tempog.analysis.evidence.known import Known, recalled
 from tempog.analysis.evidence.places import Place, by_block, find_places
 from tempog.analysis.evidence.states import CellStates
-from tempog.analysis.objects import MovingObject, ObjectPeriod
+from tempog.analysis.objects import MovingObject, timeline_of
 from tempog.analysis.series import ever_occupied, look_ns
 from tempog.analysis.static import CellClass
 from tempog.grid.history import History
@@ -52,7 +51,7 @@ def find_by_evidence(
     n_seen, places = len(places), places + [one.place for one in hidden]
     configurations = [_configuration(k + 1, place, states, k >= n_seen) for k, place in enumerate(places)]
     walls = _classes(history, states, places, settings)
-    return walls, configurations, _objects(sets, places, configurations)
+    return walls, configurations, _objects(sets, configurations)
 
 
 def without_doubtful(
@@ -123,52 +122,16 @@ def _classes(history: History, states: CellStates, places: list[Place], settings
     return history.tiles.to_dense(classes, CellClass.UNEXPLORED)
 
 
-def _objects(sets: list[ChosenSet], places: list[Place], configurations: list[Configuration]) -> list[MovingObject]:
+def _objects(sets: list[ChosenSet], configurations: list[Configuration]) -> list[MovingObject]:
     """Things of several places, then those of one, each group by the number of its first place."""
     linked = {one.members: one for one in sets}
     several = {i for group in linked for i in group}
-    alone = [(i,) for i in range(len(places)) if i not in several]
+    alone = [(i,) for i in range(len(configurations)) if i not in several]
     objects = []
     for k, group in enumerate([*sorted(linked), *alone]):
-        timeline, common_s, none_s, both_s = _timeline(group, places, configurations)
         one = linked.get(group)
         confidence = 1 / (1 + math.exp(-one.margin)) if one else None
         rivals = tuple(configurations[i].id for i in one.rivals) if one else ()
         chosen = tuple(configurations[i] for i in group)
-        objects.append(MovingObject(k + 1, chosen, timeline, common_s, none_s, both_s, confidence, rivals))
+        objects.append(MovingObject(k + 1, chosen, *timeline_of(chosen), confidence, rivals))
     return objects
-
-
-def _timeline(
-    group: tuple[int, ...], places: list[Place], configurations: list[Configuration]
-) -> tuple[tuple[ObjectPeriod, ...], float, float, float]:
-    """Where a thing was while any of its places was seen; how long all were seen, none, or several occupied."""
-    moments = sorted({moment for i in group for period in places[i].periods for moment in period[:2]})
-    at = dict.fromkeys(group, 0)
-    timeline: list[ObjectPeriod] = []
-    common_s = none_s = both_s = 0.0
-    for since, until in pairwise(moments):
-        known, there = 0, []
-        for i in group:
-            periods = places[i].periods
-            while at[i] < len(periods) and periods[at[i]].stop_ns <= since:
-                at[i] += 1
-            if at[i] < len(periods) and periods[at[i]].start_ns <= since:
-                known += 1
-                if periods[at[i]].state == "occupied":
-                    there.append(configurations[i].id)
-        if not known:
-            continue
-        lasted_s = (until - since) / NS_PER_S
-        if known == len(group):
-            common_s += lasted_s
-            none_s += lasted_s * (not there)
-            both_s += lasted_s * (len(there) > 1)
-        where = there[0] if len(there) == 1 else None
-        if where is None and known < len(group) and not there:
-            continue  # it may be in a place that was not seen
-        if timeline and timeline[-1].stop_ns == since and timeline[-1].configuration == where:
-            timeline[-1] = timeline[-1]._replace(stop_ns=until)
-        else:
-            timeline.append(ObjectPeriod(since, until, where))
-    return tuple(timeline), common_s, none_s, both_s

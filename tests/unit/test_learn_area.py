@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tempog import GridConfig, MapConfig, ObjectTracker, Scan, TemporalGrid, build_grid, find_objects
+from tempog.analysis.objects import timeline_of
 from tempog.analysis.static import CellClass
 from tempog.analysis.unexplained import STAY_S, Unexplained
 from tempog.errors import ConfigError, EmptyWindowError
@@ -251,3 +252,38 @@ def test_a_map_of_another_day_that_reaches_less_far_teaches_what_it_holds(scans)
     outside = ~around.holds(found.static_points_map), ~around.holds(now.static_points_map)
     np.testing.assert_array_equal(now.static_points_map[outside[1]], found.static_points_map[outside[0]])
     assert len(now.high_dynamics(every_s=10.0)) == 12  # over the extent of today
+    ids = {place.id for place in now.configurations}
+    for one in now.objects:
+        assert {period.configuration for period in one.timeline} <= ids | {None}
+
+
+def test_learning_from_a_window_keeps_all_that_is_known_from_before(scans) -> None:
+    grid = build_grid(scans)
+    tracker = ObjectTracker(find_objects(grid))
+    (door,) = tracker.found.objects
+    start_ns = grid.parse_moment("+27")
+    assert any(start < start_ns < stop for start, stop, _ in door.timeline)
+    tracker.learn(grid.window("+27"), Bounds(6.0, 8.5, 2.0, 4.0))
+    (now,) = tracker.found.objects
+
+    def before(periods):
+        return [(start, min(stop, start_ns), what) for start, stop, what in periods if start < start_ns]
+
+    assert before(now.timeline) == before(door.timeline)
+    for place, was in zip(now.configurations, door.configurations, strict=True):
+        assert before(place.periods) == before(was.periods)
+    everything = timeline_of(now.configurations)
+    assert (now.timeline, now.common_s, now.none_s, now.both_s) == everything
+
+
+def test_what_is_left_of_an_object_is_told_as_what_it_is_now(scans) -> None:
+    grid = build_grid(scans)
+    tracker = ObjectTracker(find_objects(grid))
+    closed, opened = tracker.found.objects[0].configurations
+    learned = tracker.learn(grid.window("+0", "+10"), Bounds(7.3, 7.5, 3.3, 3.5))  # an end of the open leaf
+    assert opened.id in learned.retired_configurations
+    (left,) = tracker.found.objects
+    assert [place.id for place in left.configurations] == [closed.id]
+    assert left.confidence is None
+    assert (left.timeline, left.common_s, left.none_s, left.both_s) == timeline_of([closed])
+    assert set(left.shares) == {closed.id, None}

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from tempog.analysis.configurations import Configuration
 from tempog.analysis.find_objects import FoundObjects, find_objects
-from tempog.analysis.objects import MovingObject
+from tempog.analysis.objects import MovingObject, timeline_of
 from tempog.analysis.static import CellClass
 from tempog.grid.history import History
+from tempog.methods import Method
 from tempog.sensing.grid_spec import Bounds, Extent
 
 LEAF_M = 1.0  # a place that is centred within the method's `within_m` reaches about so much farther
@@ -91,7 +92,9 @@ def learn_area(
         id_of[place.id] = known_of.get(place.id, next_place)
         next_place += place.id not in known_of
         before = known[known_of[place.id]].periods if place.id in known_of else ()
-        earlier = tuple(period for period in before if period.stop_ns <= start_ns)
+        earlier = tuple(
+            period._replace(stop_ns=min(period.stop_ns, start_ns)) for period in before if period.start_ns < start_ns
+        )
         places[id_of[place.id]] = replace(place, id=id_of[place.id], periods=earlier + place.periods)
     found_again = set(id_of.values())
     retired = {i for i in changed - found_again if bounds.holds(known[i].points_map).any()}
@@ -112,31 +115,21 @@ def learn_area(
         if number is None:
             number, next_object = next_object, next_object + 1
         claimed.add(number)
-        periods = tuple(
-            period._replace(configuration=id_of.get(period.configuration or 0)) for period in group.object.timeline
-        )
-        earlier_periods = tuple(
-            period for one in old if one.id == number for period in one.timeline if period.stop_ns <= start_ns
-        )
-        objects.append(
-            replace(
-                group.object,
-                id=number,
-                configurations=tuple(places[i] for i in sorted(mine)),
-                timeline=earlier_periods + periods,
-            )
-        )
+        rivals = group.object.rivals
+        chosen = tuple(places[i] for i in sorted(mine))
+        objects.append(_thing(group.object, number, chosen, rivals, found.method))
     # What was part of an affected object, lies outside, and was not found again stays as it was.
     for one in old:
-        left = [place for place in one.configurations if place.id not in found_again | retired]
-        if left and one.id in claimed:
-            objects += [_alone(one, place, next_object + k) for k, place in enumerate(left)]
-            next_object += len(left)
-        elif left:
+        left = tuple(place for place in one.configurations if place.id not in found_again | retired)
+        if left and one.id not in claimed and len(left) > 1:
             claimed.add(one.id)
-            there = {place.id for place in left}
-            timeline = tuple(period for period in one.timeline if period.configuration in there)
-            objects.append(replace(one, configurations=tuple(left), timeline=timeline))
+            objects.append(_thing(one, one.id, left, one.rivals, found.method))
+        elif left and found.method == "evidence":
+            for place in left:
+                number = next_object if one.id in claimed else one.id
+                next_object += one.id in claimed
+                claimed.add(one.id)
+                objects.append(_thing(one, number, (place,), (), found.method))
 
     extent = history.extent.around(found.extent)  # a map of today may not reach as far as what is known
     had = {one.id for one in found.objects}
@@ -162,9 +155,13 @@ def learn_area(
     )
 
 
-def _alone(one: MovingObject, place: Configuration, number: int) -> MovingObject:
-    timeline = tuple(period for period in one.timeline if period.configuration == place.id)
-    return replace(one, id=number, configurations=(place,), timeline=timeline, confidence=None)
+def _thing(
+    one: MovingObject, number: int, places: tuple[Configuration, ...], rivals: tuple[int, ...], method: Method
+) -> MovingObject:
+    """An object by another number, with other places or more that is known of them."""
+    timeline, common_s, none_s, both_s = timeline_of(places, all_seen=method != "evidence")
+    confidence = one.confidence if len(places) > 1 else None
+    return MovingObject(number, places, timeline, common_s, none_s, both_s, confidence, rivals)
 
 
 def _matches(anew: tuple[Configuration, ...], known: tuple[Configuration, ...]) -> dict[int, int]:

@@ -15,8 +15,10 @@ from tempog.analysis.evidence.association import PlaceSet, with_rivals
 from tempog.analysis.evidence.blocks import cell_states
 from tempog.analysis.find_objects import FoundObjects, find_objects
 from tempog.analysis.static import CellClass
+from tempog.analysis.tracker import ObjectTracker
 from tempog.errors import ConfigError, TimeError
 from tempog.methods import EvidenceConfig
+from tempog.sensing.grid_spec import Bounds
 
 NS = 1_000_000_000
 PERIOD_S = 0.2
@@ -259,6 +261,23 @@ def test_two_crates_that_move_in_step_along_the_sides_of_a_square_are_ambiguous(
         assert one.rivals == tuple(ids_of(other))
         assert 0.5 <= one.confidence < 0.75
     assert [one["rivals"] for one in found.document()["objects"]] == [list(one.rivals) for one in found.objects]
+
+
+def test_learning_an_area_names_rivals_by_the_ids_that_they_have_in_the_whole_map() -> None:
+    far = box(0.0, -40.0, 0.8, 0.05), box(0.0, -39.0, 0.8, 0.05)  # takes the ids that the crates have in their area
+    south_west, south_east, north_west, north_east = (
+        box(x_m, y_m, 0.4, 0.05) for y_m in (1.0, 2.2) for x_m in (1.0, 2.2)
+    )
+    course = [
+        (20.0, WALL + south_west + north_east + far[0], []),
+        (20.0, WALL + south_east + north_west + far[1], []),
+    ] * 3
+    found = found_in(course)
+    rivals = {one.id: one.rivals for one in found.objects}
+    assert sorted(i for of in rivals.values() for i in of) == [3, 4, 5, 6]
+    tracker = ObjectTracker(found)
+    tracker.learn(found.history, Bounds(0.9, 2.7, 0.9, 2.4))
+    assert {one.id: one.rivals for one in tracker.found.objects} == rivals
 
 
 def test_a_place_that_may_be_the_third_of_either_of_two_things_is_told_of_the_one_that_got_it() -> None:

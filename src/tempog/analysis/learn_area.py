@@ -103,6 +103,7 @@ def learn_area(
 
     old = [group.object for group in taken_known if group.object is not None]
     claimed: set[int] = set()
+    here = {**known_of, **id_of}
     objects = [one for one in found.objects if one not in old]
     for group in taken_new:
         if group.object is None:
@@ -115,7 +116,7 @@ def learn_area(
         if number is None:
             number, next_object = next_object, next_object + 1
         claimed.add(number)
-        rivals = group.object.rivals
+        rivals = tuple(sorted(here[i] for i in group.object.rivals if i in here))
         chosen = tuple(places[i] for i in sorted(mine))
         objects.append(_thing(group.object, number, chosen, rivals, found.method))
     # What was part of an affected object, lies outside, and was not found again stays as it was.
@@ -130,6 +131,10 @@ def learn_area(
                 next_object += one.id in claimed
                 claimed.add(one.id)
                 objects.append(_thing(one, number, (place,), (), found.method))
+    objects = [
+        replace(one, rivals=tuple(i for i in one.rivals if i in places)) if set(one.rivals) - set(places) else one
+        for one in objects
+    ]
 
     extent = history.extent.around(found.extent)  # a map of today may not reach as far as what is known
     had = {one.id for one in found.objects}

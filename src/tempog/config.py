@@ -34,7 +34,7 @@ def make_plain(config: Any) -> None:
     """Numbers of any kind, NumPy's too, to Python's own, so that they can be saved."""
     for name, kind in get_type_hints(type(config)).items():
         value = getattr(config, name)
-        if kind in (float, float | None, int) and value is not None:
+        if kind in (float, int) or (kind == float | None and value is not None):
             plain = int if kind is int else float
             try:
                 if isinstance(value, str):  # float() would take it

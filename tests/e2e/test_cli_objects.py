@@ -112,6 +112,7 @@ def test_a_file_that_exists_is_not_overwritten_without_force(tempog, corridor_ma
         (["--set", "distance_p=1"], 2, "distance_p=1 names no setting"),
         ([*PAPER, "--set", "both_share=2"], 2, "both_share"),
         ([*PAPER, "--set", "both_share=much"], 2, "no number"),
+        (["--set", "within_m=none"], 2, "within_m = None cannot work; wanted a number"),
         (["--set", "both_share"], 2, "NAME=VALUE"),
         (["--method", "magic"], 2, "magic"),
         (["--from", "+1000", "--to", "+2000"], 1, "no scan"),

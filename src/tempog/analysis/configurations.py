@@ -92,7 +92,7 @@ def find_configurations(
     threshold : float
         Neighbours whose distance is below it belong together.
     neighbourhood, seen_share, smallest_m, candidates, least_occupied
-        See `tempog.config.PaperConfig`.
+        See `tempog.methods.PaperConfig`.
 
     Raises
     ------

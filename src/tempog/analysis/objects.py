@@ -207,7 +207,7 @@ def associate(
     ----------
     configurations : sequence of Configuration
     max_states, within_m, none_share, both_share, min_common_s
-        See `tempog.config.PaperConfig`.
+        See `tempog.methods.PaperConfig`.
 
     Returns
     -------

@@ -224,8 +224,10 @@ def test_only_what_changed_is_worked_out_again(monkeypatch) -> None:
     assert (looked, analysis.share_recalled) == ([], 1.0)
 
 
-def test_a_place_is_judged_anew_when_only_what_is_around_it_changed() -> None:
-    leaf, beside = {(0, k) for k in range(14)}, {(row, k) for row in (3, 4) for k in range(14)}
+def test_a_place_is_judged_anew_when_only_what_is_around_it_changed(monkeypatch) -> None:
+    judged, real = [], places.place_odds
+    monkeypatch.setattr(places, "place_odds", lambda traits: judged.append(traits) or real(traits))
+    leaf, beside = {(0, k) for k in range(14)}, {(row, k) for row in (3, 4) for k in range(0, 14, 2)}
     statements = []
     for k in range(800):  # what is hit beside the closed leaf looks like a wall, until it is seen to be gone
         closed = k // 80 % 2 == 0
@@ -240,11 +242,17 @@ def test_a_place_is_judged_anew_when_only_what_is_around_it_changed() -> None:
     grid, analysis = empty_grid(stream), EvidenceAnalysis(chosen)
     for stamp_ns in stream.stamps_ns[:640]:
         feed(grid, stamp_ns)
-    assert len(analysis.update(grid).configurations) == 1
+    analysis.update(grid)
+    assert [traits.leak for traits in judged] == [0.0]
     for stamp_ns in stream.stamps_ns[640:]:
         feed(grid, stamp_ns)
-    assert not analysis.update(grid).configurations
-    assert not find_objects(grid, settings=chosen).configurations
+    judged.clear()
+    analysis.update(grid)
+    (remembered,) = judged
+    assert remembered.leak == pytest.approx(1.0)
+    judged.clear()
+    find_objects(grid, settings=chosen)
+    assert judged == [remembered]
 
 
 def piece(x_m: float, y_m: float, length_m: float) -> Place:

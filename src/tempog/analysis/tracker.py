@@ -85,7 +85,7 @@ class ObjectTracker:
     ...         learned = tracker.learn(grid, area)
     ...         if learned.new_objects:
     ...             print(grid.format_moment(scan.stamp_ns), area, learned.new_objects)
-    2025-06-15 15:08:31 UTC (+111.9 s) x 7.12 to 7.62 m, y 2.78 to 3.68 m (1,)
+    2025-06-15 15:07:41 UTC (+61.9 s) x 7.18 to 7.68 m, y 2.68 to 3.68 m (1,)
     """
 
     def __init__(self, found: FoundObjects, confirm_s: float = 0.5) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from itertools import combinations
 
 import numpy as np
@@ -9,10 +10,11 @@ import pytest
 from matplotlib.figure import Figure
 
 from tempog.analysis.find_objects import find_objects
+from tempog.analysis.static import CellClass
 from tempog.pipeline import build_grid
 from tempog.sensing.grid_spec import Extent
 from tempog.simulation import corridor, load_world, simulate
-from tempog.views.objects import LABEL_POINTS, draw_timeline, label_offsets
+from tempog.views.objects import LABEL_POINTS, draw_high_dynamic, draw_objects, draw_timeline, label_offsets
 from tempog.views.side_by_side import Row, draw_side_by_side
 
 
@@ -58,3 +60,42 @@ def test_a_timeline_is_hatched_where_nobody_looked_and_tells_moves_and_shares():
     told = [label.get_text() for label in summary.get_yticklabels()]
     assert 0 < seen < width
     assert told == [f"{one.shares[1]:.0%}, {one.n_moves} moves", f"{one.shares[2]:.0%}"]
+
+
+def labels(figure):
+    (legend,) = figure.legends
+    return [text.get_text() for text in legend.get_texts()]
+
+
+def test_a_timeline_of_a_window_counts_from_the_log_s_start_and_one_of_nothing_says_so():
+    grid = build_grid(simulate(corridor(), duration_s=60.0).scans)
+    figure = draw_timeline(find_objects(grid.window("+20", "+50")))
+    axes = figure.axes[0]
+    assert axes.get_xlim() == pytest.approx((20.0, 50.0), abs=0.1)
+    assert [text.get_text() for text in axes.texts] == ["No objects were found, so there are no times to show."]
+    assert labels(figure) == ["occupied", "free", "not seen"]
+
+
+def test_legends_name_what_a_picture_has_and_nothing_else():
+    found = find_objects(build_grid(simulate(corridor()).scans))
+    assert not found.unassociated
+    plain = ["static", "free", "unexplored"]
+    assert labels(draw_objects(found)) == [*plain, "places of one object, with its number"]
+    assert labels(draw_high_dynamic(found)) == plain
+    (one,) = found.objects
+    guessed = dataclasses.replace(one.configurations[1], hypothesis=True)
+    doubtful = dataclasses.replace(one, configurations=(one.configurations[0], guessed))
+    walls = found.walls.copy()
+    walls[0, 0] = CellClass.UNCERTAIN
+    places = (*doubtful.configurations, dataclasses.replace(one.configurations[0], id=9))
+    other = dataclasses.replace(found, objects=(doubtful,), walls=walls, configurations=places)
+    named = ["uncertain, as glass is", "place in no object"]
+    signs = ["places of one object, with its number", "one of them hardly ever seen free"]
+    assert labels(draw_objects(other)) == [*plain, *named, *signs]
+    simulation = simulate(corridor(), 1.0)
+    beside = labels(draw_side_by_side([Row("one", simulation, found), Row("two", simulation, other)]))
+    assert beside[3:5] == named
+    assert beside[-2:] == signs
+    assert "uncertain, as glass is" not in labels(draw_side_by_side([Row("one", simulation, found)]))
+    right = draw_timeline(other).axes[0].child_axes[0].get_yticklabels()
+    assert right[1].get_text().endswith(", hypothesis")

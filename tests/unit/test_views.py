@@ -35,7 +35,7 @@ def test_glass_and_boxes_are_drawn_and_explained():
 def test_the_legend_of_three_pictures_names_what_is_in_any_world_and_fits():
     simulation = simulate(WORLD, 1.0)
     figure = draw_side_by_side([Row("a", simulation, find_objects(build_grid(simulation.scans)))])
-    assert texts(figure)[4:] == ["glass", "box", "its other places", "robot's way"]
+    assert texts(figure)[3:] == ["glass", "box", "its other places", "robot's way"]
     figure.canvas.draw()
     (legend,) = figure.legends
     box = legend.get_window_extent()

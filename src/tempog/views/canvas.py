@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -103,10 +104,11 @@ def show_map(axes: Axes, rgb: Rgb, extent: Extent) -> None:
     add_scale_bar(axes, rgb, extent)
 
 
-def add_legend(figure: Figure, entries: Sequence[tuple[Colour, str]]) -> None:
-    """Colours and what they mean, below the picture, so that no part of the map is covered."""
-    handles = [Patch(facecolor=colour, edgecolor="0.4", linewidth=0.5, label=label) for colour, label in entries]
-    n_columns = legend_columns([label for _, label in entries], float(figure.get_figwidth()))
+def add_legend(figure: Figure, entries: Sequence[tuple[Colour, str]], signs: Sequence[Artist] = ()) -> None:
+    """Colours and what they mean, then other signs with labels, below the picture, so that nothing is covered."""
+    patches = [Patch(facecolor=colour, edgecolor="0.4", linewidth=0.5, label=label) for colour, label in entries]
+    handles = [*patches, *signs]
+    n_columns = legend_columns([str(handle.get_label()) for handle in handles], float(figure.get_figwidth()))
     figure.legend(handles=handles, loc="outside lower center", ncols=n_columns, fontsize=8, frameon=False)
 
 

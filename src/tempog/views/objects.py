@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LogNorm
+from matplotlib.colors import ListedColormap, LogNorm
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from tempog.analysis.configurations import Configuration
@@ -34,19 +39,23 @@ from tempog.views.canvas import (
     show_map,
 )
 
-# Okabe and Ito's colours, which colour-blind people can tell apart, without black and without the next one.
+# Okabe and Ito's colours, which colour-blind people can tell apart, without black, the colour of lone places, and sky
+# blue, which looks like that of glass.
 OBJECT_COLOURS: tuple[Colour, ...] = (
     (0.0, 0.45, 0.70),
     (0.84, 0.37, 0.0),
     (0.0, 0.62, 0.45),
     (0.80, 0.47, 0.65),
-    (0.34, 0.71, 0.91),
+    (0.40, 0.18, 0.58),
     (0.55, 0.34, 0.29),
 )
 LABEL_POINTS = (13, 10)  # width and height of a number of two digits
 LABEL_STEPS = sorted(((right, up) for right in range(-2, 6) for up in range(6)), key=lambda step: math.hypot(*step))
 SHORT_S = 0.1  # shorter than anybody takes to cross a cell
 ROW_INCHES = 0.22
+SIGN: dict[str, Any] = {"color": "0.35", "marker": "o", "markersize": 3}  # grey for objects of any colour
+FAINTEST_TRAIL = 0.2  # where the scale of trails begins: what is paler cannot be told from the floor
+NOT_SEEN: dict[str, Any] = {"facecolor": "0.96", "edgecolor": "0.75", "hatch": "////", "linewidth": 0}
 PALE = 0.25  # how much of an object's colour its free places have
 LONE_COLOUR: Colour = (0.90, 0.62, 0.0)
 UNCERTAIN_COLOUR: Colour = (0.0, 0.85, 0.85)
@@ -65,13 +74,14 @@ def draw_objects(found: FoundObjects, *, title: str = "") -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        Axes in metres, map frame, y up. Places that are part of no object have a colour of their own.
+        Axes in metres, map frame, y up. Places that are part of no object have a colour of their own. A dotted line
+        leads to a place that was hardly ever seen free (`Configuration.hypothesis`).
     """
     _, extent = cropped(_cells(found), found.extent)
     figure, axes = canvas(*extent.shape, has_bar=False)
     paint_objects(axes, found)
     axes.set_title(" · ".join(part for part in (title, counts(found)) if part), fontsize=9, loc="left")
-    add_legend(figure, [*_base_legend(found), (LONE_COLOUR, "place in no object")])
+    add_legend(figure, [*base_legend([found]), *lone_legend([found])], object_signs([found]))
     return figure
 
 
@@ -89,7 +99,8 @@ def draw_high_dynamic(found: FoundObjects, *, title: str = "") -> Figure:
     walls = found.walls_over(extent)
     rgb = _base(walls)
     longest_s = max(float(seconds.max()), SHORT_S * 10)
-    colours = ScalarMappable(LogNorm(SHORT_S, longest_s), colormaps["YlOrRd"])
+    trails = ListedColormap(colormaps["YlOrRd"](np.linspace(FAINTEST_TRAIL, 1, 256)))
+    colours = ScalarMappable(LogNorm(SHORT_S, longest_s), trails)
     moving = (seconds > 0) & (walls != CellClass.STATIC)
     rgb[moving] = colours.to_rgba(np.maximum(seconds[moving], SHORT_S))[:, :3]
     rgb, shown = cropped(rgb, extent)
@@ -97,10 +108,10 @@ def draw_high_dynamic(found: FoundObjects, *, title: str = "") -> Figure:
     show_map(axes, rgb, shown)
     what = f"on the move, method {found.method}"
     axes.set_title(" · ".join(part for part in (title, what) if part), fontsize=9, loc="left")
-    bar = figure.colorbar(colours, ax=axes, shrink=0.8, pad=0.015, aspect=30)
+    bar = figure.colorbar(colours, ax=axes, shrink=0.8, pad=0.015, aspect=30, format="%g")
     bar.set_label("seconds occupied by something on the move", fontsize=8)
     bar.ax.tick_params(labelsize=8)
-    add_legend(figure, _base_legend(found))
+    add_legend(figure, base_legend([found]))
     return figure
 
 
@@ -109,37 +120,47 @@ def draw_timeline(found: FoundObjects, *, title: str = "") -> Figure:
 
     A row per place, the rows of one object beside each other in its colour: full where it was occupied, pale where
     it was free, and hatched grey where it was not seen. At the right, the share of the time the object was seen in
-    which it was there, and how often it moved.
+    which it was there, and how often it moved. Times are from the log's start, in windows too.
     """
     rows = [(k, one, place) for k, one in enumerate(found.objects) for place in one.configurations]
-    start_ns = int(found.history.stamps_ns[found.history.first_scan])
-    stop_s = max((int(found.history.stamps_ns[found.history.last_scan]) - start_ns) / NS_PER_S, 1e-3)
+    start_ns = int(found.history.stamps_ns[0])
+    first_s, stop_s = (
+        (int(found.history.stamps_ns[k]) - start_ns) / NS_PER_S
+        for k in (found.history.first_scan, found.history.last_scan)
+    )
+    stop_s = max(stop_s, first_s + 1e-3)
     figure = Figure(
         figsize=(LONGEST_SIDE_INCHES, 1.2 + ROW_INCHES * max(len(rows), 5)), dpi=160, layout="constrained"
     )
     axes = figure.add_subplot()
     for y, (k, _, place) in enumerate(rows):
-        axes.broken_barh([(0, stop_s)], (y - 0.4, 0.8), facecolor="0.96", edgecolor="0.75", hatch="////", linewidth=0)
+        axes.broken_barh([(first_s, stop_s - first_s)], (y - 0.4, 0.8), **NOT_SEEN)
         for state, pale in (("occupied", 1.0), ("free", PALE)):
             spans = [
                 ((start - start_ns) / NS_PER_S, (stop - start) / NS_PER_S)
                 for start, stop, at in place.periods
                 if at == state
             ]
-            colour = [1 - pale * (1 - part) for part in object_colour(k)]
-            axes.broken_barh(spans, (y - 0.4, 0.8), facecolor=colour, linewidth=0)
+            axes.broken_barh(spans, (y - 0.4, 0.8), facecolor=_paler(object_colour(k), pale), linewidth=0)
     labels = [
         f"object {one.id}, place {place.id} ({place.centre_m[0]:.1f}, {place.centre_m[1]:.1f})"
         for _, one, place in rows
     ]
     axes.set_yticks(range(len(rows)), labels, fontsize=7)
-    axes.set(xlabel="seconds since the start", xlim=(0, stop_s), ylim=(max(len(rows), 1) - 0.5, -0.5))
+    axes.set(xlabel="seconds since the log's start", xlim=(first_s, stop_s), ylim=(max(len(rows), 1) - 0.5, -0.5))
     axes.tick_params(axis="x", labelsize=8)
     summary = axes.secondary_yaxis("right")
     summary.set_yticks(range(len(rows)), [_course_text(one, place) for _, one, place in rows], fontsize=7)
     summary.tick_params(length=0)
-    what = f"{counts(found)}: occupied (full), free (pale), not seen (hatched)"
-    axes.set_title(" · ".join(part for part in (title, what) if part), fontsize=9, loc="left")
+    axes.set_title(" · ".join(part for part in (title, counts(found)) if part), fontsize=9, loc="left")
+    if rows:
+        axes.set_title("share of the time the object was seen, moves", fontsize=7, loc="right")
+    else:
+        nothing = "No objects were found, so there are no times to show."
+        axes.text(0.5, 0.5, nothing, transform=axes.transAxes, ha="center", va="center", fontsize=9)
+    colour = object_colour(0)
+    states = [(colour, "occupied"), (_paler(colour, PALE), "free")]
+    add_legend(figure, states, [Patch(**NOT_SEEN, label="not seen")])
     return figure
 
 
@@ -148,7 +169,7 @@ def _course_text(one: MovingObject, place: Configuration) -> str:
     text = f"{one.shares[place.id]:.0%}"
     if place is one.configurations[0]:
         text += f", {one.n_moves} move{'s' * (one.n_moves != 1)}"
-    return text
+    return f"{text}, hypothesis" if place.hypothesis else text
 
 
 def paint_objects(axes: Axes, found: FoundObjects) -> None:
@@ -171,15 +192,16 @@ def paint_objects(axes: Axes, found: FoundObjects) -> None:
             textcoords="offset points",
             fontsize=8,
             color=colour,
-            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8},
+            path_effects=[withStroke(linewidth=2.5, foreground="white")],  # a box would hide leaves
         )
 
 
 def counts(found: FoundObjects) -> str:
     """How much was found, for a title."""
     n_objects, n_others = len(found.objects), len(found.unassociated)
-    objects, others = "object" + "s" * (n_objects != 1), "other place" + "s" * (n_others != 1)
-    return f"{n_objects} {objects}, {n_others} {others}, method {found.method}"
+    objects, others = "object" + "s" * (n_objects != 1), "place" + "s" * (n_others != 1)
+    lone = f", {n_others} {others} in no object" if n_others else ""
+    return f"{n_objects} {objects}{lone}, method {found.method}"
 
 
 def label_offsets(axes: Axes, centres_m: Sequence[NDArray[np.float64]], extent: Extent) -> list[tuple[float, float]]:
@@ -223,9 +245,37 @@ def _base(walls: NDArray[np.int8]) -> Rgb:
     return rgb
 
 
-def _base_legend(found: FoundObjects) -> list[tuple[Colour, str]]:
-    anywhere = bool((found.walls == CellClass.UNCERTAIN).any())
-    return [*BASE_LEGEND, (UNCERTAIN_COLOUR, "uncertain: glass")] if anywhere else BASE_LEGEND
+def base_legend(pictures: Sequence[FoundObjects]) -> list[tuple[Colour, str]]:
+    """What the map under the objects shows: glass only if there is any."""
+    return [*BASE_LEGEND, *uncertain_legend(pictures)]
+
+
+def uncertain_legend(pictures: Sequence[FoundObjects]) -> list[tuple[Colour, str]]:
+    """The colour of uncertain cells, if there are any."""
+    anywhere = any(bool((found.walls == CellClass.UNCERTAIN).any()) for found in pictures)
+    return [(UNCERTAIN_COLOUR, "uncertain, as glass is")] if anywhere else []
+
+
+def lone_legend(pictures: Sequence[FoundObjects]) -> list[tuple[Colour, str]]:
+    """The colour of places in no object, if there are any."""
+    return [(LONE_COLOUR, "place in no object")] if any(found.unassociated for found in pictures) else []
+
+
+def object_signs(pictures: Sequence[FoundObjects]) -> list[Artist]:
+    """The lines of objects, those kinds that there are."""
+    objects = [one for found in pictures for one in found.objects]
+    guessed = any(place.hypothesis for one in objects for place in one.configurations)
+    signs: list[Artist] = []
+    if objects:
+        signs.append(Line2D([], [], linestyle="-", **SIGN, label="places of one object, with its number"))
+    if guessed:
+        signs.append(Line2D([], [], linestyle=":", **SIGN, label="one of them hardly ever seen free"))
+    return signs
+
+
+def _paler(colour: Colour, share: float) -> Colour:
+    red, green, blue = (1 - share * (1 - part) for part in colour)
+    return red, green, blue
 
 
 def _cells(found: FoundObjects) -> Rgb:

@@ -12,7 +12,7 @@ from tempog.analysis.find_objects import FoundObjects
 from tempog.simulation import Simulation
 from tempog.views.canvas import BLACK, UNEXPLORED, WHITE, add_legend, cropped, show_map
 from tempog.views.figures import classic_rgb
-from tempog.views.objects import LONE_COLOUR, counts, paint_objects
+from tempog.views.objects import counts, lone_legend, object_signs, paint_objects, uncertain_legend
 from tempog.views.worlds import bounds, paint_world, world_legend
 
 PANEL_LONG_INCHES = 6.5
@@ -54,6 +54,8 @@ def draw_side_by_side(rows: Sequence[Row]) -> Figure:
         for axes in (middle, right):
             axes.set(xlim=left.get_xlim(), ylim=left.get_ylim())
             axes.set_facecolor(UNEXPLORED[0])
-    legend = [(BLACK, "wall, static, occupied"), (WHITE, "free"), UNEXPLORED, (LONE_COLOUR, "place in no object")]
-    add_legend(figure, [*legend, *world_legend([row.simulation for row in rows])])
+    pictures = [row.found for row in rows]
+    legend = [(BLACK, "wall, static, occupied"), (WHITE, "free"), UNEXPLORED]
+    legend += [*uncertain_legend(pictures), *lone_legend(pictures), *world_legend([row.simulation for row in rows])]
+    add_legend(figure, legend, object_signs(pictures))
     return figure

@@ -63,7 +63,9 @@ def test_the_file_follows_the_schema(tempog, corridor_map: Path, tmp_path: Path,
     assert any(measured["cells"] for measured in document["high_dynamic"])  # the person
     if words == GENEROUS:
         assert document["objects"]
-    assert out.startswith(f"{len(document['objects'])} objects, {len(document['unassociated'])} configurations")
+    n_objects, n_lone = len(document["objects"]), len(document["unassociated"])
+    counts = f"{n_objects} object{'s' * (n_objects != 1)}, {n_lone} place{'s' * (n_lone != 1)} in no object,"
+    assert out.startswith(counts)
     ids = {place["id"] for one in document["objects"] for place in one["configurations"]}
     assert not ids & {place["id"] for place in document["unassociated"]}
     for one in document["objects"]:
@@ -164,7 +166,9 @@ def test_poses_that_disagree_are_named_and_good_ones_are_not(monkeypatch, capsys
         assert json.loads(call("info", path, "--json")[0])["poses"] == measured
         out, _ = call("info", path)
         assert f"{measured['spread_m']:.3f} m displaced" in out
-        assert ("poses look inconsistent" in out) == (not consistent)
+        assert ("poses      look inconsistent: " in out) == (not consistent)
+        rows = [row for row in out.splitlines() if not row.startswith(("map", "source"))]  # those have paths
+        assert max(map(len, rows)) <= 120
         _, err = call("objects", path, "--json", answer)
         assert ("objects found along walls may be wrong" in err) == (not consistent)
         assert "inconsistent" not in call("objects", path, "--quiet")[1]

@@ -77,7 +77,10 @@ class PoseConsistency(NamedTuple):
         """What to tell people, if there is something to tell."""
         if self.consistent is not False:
             return None
-        return f"poses look inconsistent: {self}; objects found along walls may be wrong"
+        return (
+            f"poses look inconsistent: {self}; objects found along walls may be wrong, so map a log with corrected"
+            " poses if there is one"
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from tempog.scans.scan import Scan
 
 Tracked = TypeVar("Tracked")
+WIDTH = 120  # columns of what is printed
 PICTURE_SUFFIXES = (".png", ".pdf", ".svg", ".jpg", ".webp")
 
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
@@ -82,6 +84,19 @@ def counted(count: int, one: str, many: str) -> str:
     ('1 run', '2 000 runs')
     """
     return f"{count_text(count)} {one if count == 1 else many}"
+
+
+def wrapped(text: str, indent: int) -> str:
+    """Text that begins in column `indent`, on lines of up to 120 columns; it breaks at commas if it has any.
+
+    >>> wrapped("a, b", 8), [len(line) for line in wrapped(", ".join(["1 m"] * 30), 8).splitlines()]
+    ('a, b', [109, 46])
+    """
+    whole = text.replace(" ", "\0").replace(",\0", ", ")
+    if any(len(part) > WIDTH - indent for part in whole.split()):
+        whole = text
+    lines = textwrap.wrap(whole, WIDTH - indent, break_long_words=False, break_on_hyphens=False) or [""]
+    return f"\n{'':>{indent}}".join(lines).replace("\0", " ")
 
 
 def check_duration(seconds: float | None) -> None:

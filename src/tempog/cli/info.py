@@ -7,8 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
-from tempog.cli._output import JsonFlag, bytes_text, count_text, duration_text, print_json
+from tempog.cli._output import JsonFlag, bytes_text, count_text, duration_text, print_json, wrapped
 
+INDENT = 11  # columns before what a row says
 MapArgument = Annotated[Path, typer.Argument(metavar="MAP", help="A map made by tempog map.")]
 
 
@@ -49,11 +50,12 @@ def info(map_path: MapArgument, json: JsonFlag = False) -> None:
         "area": f"x {x_min:.1f} to {x_max:.1f} m, y {y_min:.1f} to {y_max:.1f} m",
         "cells": f"{count_text(manifest['n_cells'])} seen",
         "intervals": count_text(manifest["n_intervals"]),
-        "poses": poses.warning or str(poses),
+        "poses": (poses.warning or str(poses)).removeprefix("poses "),
         "settings": ", ".join(setting_text(name, value) for name, value in settings.items()),
     }
     for name, text in rows.items():
-        typer.echo(f"{name:10} {text}")
+        # A path stays whole, so that it can be copied.
+        typer.echo(f"{name:10} {text if name == 'map' else wrapped(text, INDENT)}")
     for source in manifest["sources"]:
         typer.echo(f"{'source':10} {source['path']}: {source['format']}, {count_text(source['n_scans'])} scans")
         for note in source["notes"]:

@@ -22,6 +22,7 @@ from tempog.cli._output import (
     print_note,
     status,
     wants_progress,
+    wrapped,
 )
 from tempog.cli.info import MapArgument
 from tempog.errors import ConfigError
@@ -80,7 +81,8 @@ def objects(
 
     An object's row says how sure it is that just these places are those of one thing, which it was seen in last,
     since when, when that was seen last, and its shares of the time it was seen. Times are seconds since the log's
-    start. It may have moved more often than it was seen to.
+    start. It may have moved more often than it was seen to. A place marked hypothesis was hardly ever seen free: a
+    leaf that is seen only while its door is open.
 
     Settings that are not set are those of the method; METHOD=evidence has those of tempog.EvidenceConfig, the
     others of tempog.PaperConfig.
@@ -108,8 +110,9 @@ def objects(
 
     n_uncertain = len(document["uncertain"])
     glass = f", {count_text(n_uncertain)} uncertain as glass is" if n_uncertain else ""
+    n_objects, n_lone = len(found.objects), len(found.unassociated)
     typer.echo(
-        f"{len(found.objects)} objects, {len(found.unassociated)} configurations in none,"
+        f"{counted(n_objects, 'object', 'objects')}, {counted(n_lone, 'place', 'places')} in no object,"
         f" {count_text(len(document['static']))} static cells{glass}; method {method}"
     )
     start_ns = int(history.stamps_ns[0])
@@ -202,17 +205,18 @@ def object_text(one: MovingObject, start_ns: int, ambiguous: Sequence[int]) -> s
     seen_ns = max((period.stop_ns for period in one.timeline), default=None)
     since = offset_text(last.start_ns if last else clear_ns, start_ns)
     until = offset_text(last.stop_ns if last else seen_ns, start_ns)
-    shares = ", ".join(
+    shares = [
         f"{state_text(one, place)}: {share:.0%}"
         for place, share in one.shares.items()
         if place is not None or share >= LEAST_SHARE
-    )
+    ]
     sure = "-" if one.confidence is None else f"{one.confidence:.2f}"
     doubt = f"\n{'':>6} ambiguous with {', '.join(map(str, ambiguous))}" if ambiguous else ""
-    return (
+    row = (
         f"{one.id:>6} {sure:>5} {x:>7.2f} {y:>7.2f}  {now:<7} {since:>9} {until:>9} {one.n_moves:>6}"
-        f" {len(one.gaps):>5} {duration_text(one.seen_s):>12}  {shares}{doubt}"
+        f" {len(one.gaps):>5} {duration_text(one.seen_s):>12}  "
     )
+    return row + wrapped(", ".join(shares), len(row)) + doubt
 
 
 def state_text(one: MovingObject, place: int | None) -> str:

@@ -16,7 +16,7 @@ from tempog.analysis.configurations import Period, PlaceState
 from tempog.analysis.evidence.kernels import sweep_group
 from tempog.analysis.evidence.known import Known, recalled
 from tempog.analysis.evidence.scorecard import Traits, place_odds
-from tempog.analysis.evidence.shape import Line, fit_line
+from tempog.analysis.evidence.shape import ROUNDING_M, Line, fit_line
 from tempog.analysis.evidence.states import CellStates
 from tempog.methods import EvidenceConfig
 from tempog.times import NS_PER_S
@@ -307,10 +307,11 @@ def echo(states: CellStates, place: Place, settings: EvidenceConfig) -> float:
     centred = place.points_map - place.points_map.mean(axis=0)
     along, across = np.linalg.eigh(centred.T @ centred)[1].T[::-1]
     points = states.points_map(standing)
-    near = cKDTree(points).query_ball_point(place.points_map, math.hypot(settings.echo_m, states.resolution_m) + 1e-6)
+    aside_m, ahead_m = settings.echo_m + ROUNDING_M, states.resolution_m + ROUNDING_M
+    near = cKDTree(points).query_ball_point(place.points_map, math.hypot(aside_m, ahead_m))
     cell = np.repeat(np.arange(len(near)), [len(others) for others in near])
     apart = points[np.concatenate(near).astype(np.int64)] - place.points_map[cell]
-    beside = (abs(apart @ across) <= settings.echo_m) & (abs(apart @ along) <= states.resolution_m)
+    beside = (abs(apart @ across) <= aside_m) & (abs(apart @ along) <= ahead_m)
     return len(np.unique(cell[beside])) / len(place.cells)
 
 
@@ -338,7 +339,7 @@ def join_faces(
         if a == b:
             continue
         along = _share_along(whole[a], whole[b], settings.face_m)
-        small = min(whole[a].size_m, whole[b].size_m) <= settings.fragment_m
+        small = min(whole[a].size_m, whole[b].size_m) <= settings.fragment_m + ROUNDING_M
         if along < (FRAGMENT if small else FACE):
             continue
         evidence = joint_periods(whole[a].course, whole[b].course, settings.worth_s, one_at_a_time=False)
@@ -362,7 +363,7 @@ def _close_pairs(pieces: Sequence[Place], face_m: float) -> list[tuple[int, int]
     if len(pieces) < 2:
         return []
     centres = np.array([piece.centre_m for piece in pieces])
-    near = cKDTree(centres).query_ball_point(centres, [piece.size_m + face_m for piece in pieces])
+    near = cKDTree(centres).query_ball_point(centres, [piece.size_m + face_m + ROUNDING_M for piece in pieces])
     return sorted({(min(i, j), max(i, j)) for i, others in enumerate(near) for j in others if i != j})
 
 
@@ -371,9 +372,10 @@ def _share_along(place: Place, other: Place, face_m: float) -> float:
     from scipy.spatial import cKDTree
 
     small, large = sorted((place.points_map, other.points_map), key=len)
-    if np.any(small.min(axis=0) - large.max(axis=0) > face_m) or np.any(
-        large.min(axis=0) - small.max(axis=0) > face_m
+    beside_m = face_m + ROUNDING_M
+    if np.any(small.min(axis=0) - large.max(axis=0) > beside_m) or np.any(
+        large.min(axis=0) - small.max(axis=0) > beside_m
     ):
         return 0.0
     apart_m, _ = cKDTree(large).query(small)
-    return float(np.mean(apart_m <= 2 * face_m)) if apart_m.min() <= face_m else 0.0
+    return float(np.mean(apart_m <= 2 * face_m + ROUNDING_M)) if apart_m.min() <= beside_m else 0.0

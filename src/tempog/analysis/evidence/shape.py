@@ -17,6 +17,8 @@ HINGE_OFF_M = 0.15  # from a leaf's end to the line of another place of it: its 
 HINGE_GAP_M = 0.75  # ... and from there to the first that is seen of it: the wall hides the rest
 LONGER = 1.4  # times the longer of the two: how far from the hinge a place may reach; neither is seen as a whole
 LEAST_TURN_RAD = math.radians(15)  # less is no other place
+# Lengths on a lattice are often just as long as a limit: with this much more, it is not rounding that decides.
+ROUNDING_M = 1e-6
 
 
 class Line(NamedTuple):
@@ -69,7 +71,10 @@ def hinges(line: Line, other: Line) -> tuple[int, ...]:
     >>> hinges(closed, fit_line(np.array([[x, 1.0] for x in np.arange(0.0, 0.9, 0.05)]), 0.05))
     ()
     """
-    if max(line.depth_m, other.depth_m) > LEAF_DEPTH_M or max(line.length_m, other.length_m) > LEAF_LENGTH_M:
+    if (
+        max(line.depth_m, other.depth_m) > LEAF_DEPTH_M
+        or max(line.length_m, other.length_m) > LEAF_LENGTH_M + ROUNDING_M
+    ):
         return ()
     found = []
     for k, (end, inward) in enumerate(zip(line.ends, (line.along, -line.along), strict=True)):
@@ -81,9 +86,9 @@ def hinges(line: Line, other: Line) -> tuple[int, ...]:
         reach = gap + other.length_m
         if (
             float(inward @ away) <= math.cos(LEAST_TURN_RAD)
-            and off <= HINGE_OFF_M
-            and -HINGE_OFF_M <= gap <= HINGE_GAP_M
-            and reach <= LONGER * max(line.length_m, other.length_m)
+            and off <= HINGE_OFF_M + ROUNDING_M
+            and -HINGE_OFF_M - ROUNDING_M <= gap <= HINGE_GAP_M + ROUNDING_M
+            and reach <= LONGER * max(line.length_m, other.length_m) + ROUNDING_M
         ):
             found.append(k)
     return tuple(found)
@@ -96,5 +101,5 @@ def near_odds(
     from scipy.spatial import cKDTree
 
     apart_m = float(cKDTree(points_map).query(others_map)[0].min())
-    odds = settings.hinge_bonus if apart_m <= settings.hinge_m else -settings.distance_cost * apart_m
+    odds = settings.hinge_bonus if apart_m <= settings.hinge_m + ROUNDING_M else -settings.distance_cost * apart_m
     return odds - settings.size_cost * max(0.0, abs(math.log(size_ratio)) - 0.3)

@@ -1,0 +1,247 @@
+"""What the method ``evidence`` makes of groups of cells is what slow, obvious Python makes of them.
+
+Groups lie anywhere on the lattice for the fast code, and about its origin for the oracle: where that is says nothing.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from oracle import evidence as oracle_evidence
+from oracle import places as oracle
+from tempog.analysis.evidence import places, scorecard, shape
+from tempog.analysis.evidence.courses import Courses, HeldCourses
+from tempog.analysis.evidence.states import Alike, CellStates
+from tempog.methods import EvidenceConfig
+
+QUICK = settings(max_examples=150, deadline=None, derandomize=True)
+LOOK_NS = 100_000_000
+RESOLUTIONS = st.sampled_from([0.05, 0.1])
+SHIFTS = st.tuples(st.integers(-300, 300), st.integers(-300, 300))
+
+
+@st.composite
+def bars(draw: st.DrawFn) -> list[tuple[int, int]]:
+    """Cells along a line, some of them missing: a face, a leaf, the side of a box."""
+    row, col = draw(st.integers(-4, 4)), draw(st.integers(-4, 4))
+    turn = math.radians(draw(st.sampled_from([0, 0, 0, 20, 45, 70, 90, 90, 90, 115, 135, 160])))
+    length, thick = draw(st.integers(2, 14)), draw(st.sampled_from([1, 1, 1, 2]))
+    gaps = draw(st.sets(st.integers(0, length - 1), max_size=3))
+    cells = set()
+    for r in range(length):
+        for off in range(thick):
+            y, x = r * math.sin(turn) + off * math.cos(turn), r * math.cos(turn) - off * math.sin(turn)
+            if r not in gaps or r in (0, length - 1):
+                cells.add((row + round(y), col + round(x)))
+    return sorted(cells)
+
+
+@st.composite
+def series(draw: st.DrawFn) -> list[tuple[int, int, bool]]:
+    """What was seen of a cell: periods in time order, some with gaps between."""
+    t, found = 0, []
+    steps = st.tuples(st.sampled_from([0, 0, 0, 30]), st.sampled_from([1, 5, 13, 40, 250]), st.booleans())
+    for gap, length, state in draw(st.lists(steps, min_size=1, max_size=7)):
+        found.append(((t + gap) * LOOK_NS, (t + gap + length) * LOOK_NS, state))
+        t += gap + length
+    return found
+
+
+def shifted(cells, shift):
+    return [(row + shift[0], col + shift[1]) for row, col in cells]
+
+
+def points_of(cells, resolution_m, shift=(0, 0)):
+    """Centres, as `CellStates.points_map` has them."""
+    rows, cols = np.array(shifted(cells, shift), dtype=np.int64).T
+    return np.stack([cols + 0.5, rows + 0.5], axis=-1) * resolution_m
+
+
+def cell_states_of(smoothed, measured, resolution_m, worth_s, shift) -> CellStates:
+    """States of cells, each with a course as smoothed and one as measured, of the same periods."""
+    cells = sorted(smoothed)
+    flat = [period for cell in cells for period in smoothed[cell]]
+    offsets = np.cumsum([0, *(len(smoothed[cell]) for cell in cells)]).astype(np.int64)
+    start, stop = (np.array([period[k] for period in flat], dtype=np.int64) for k in (0, 1))
+    state = np.array([period[2] for period in flat], dtype=np.uint8)
+    hit = np.array([period[2] for cell in cells for period in measured[cell]], dtype=np.uint8)
+    rows, cols = (np.array([cell[k] for cell in shifted(cells, shift)], dtype=np.int64) for k in (0, 1))
+    n = len(cells)
+    evidence, seconds = (
+        np.array([oracle_evidence.state_evidence(smoothed[cell], worth_s)[k] for cell in cells], dtype=np.float64)
+        for k in (0, 1)
+    )
+    alike = Alike(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0))
+    courses = HeldCourses(Courses(offsets, start, stop, hit, state))
+    numbers, blocks = np.arange(n, dtype=np.int32), np.zeros(n, dtype=np.int64)
+    content, by_view = np.zeros(n, np.uint64), np.zeros(n, np.bool_)
+    return CellStates(rows, cols, resolution_m, numbers, evidence, seconds, blocks, alike, courses, content, by_view)
+
+
+def indices(cells, smoothed):
+    """Which of the cells, in `CellStates`."""
+    number = {cell: k for k, cell in enumerate(sorted(smoothed))}
+    return np.array(sorted(number[cell] for cell in cells), dtype=np.int64)
+
+
+def place_of(cells, resolution_m, shift=(0, 0), log_odds=0.0, first=0) -> places.Place:
+    points = points_of(cells, resolution_m, shift)
+    return places.Place(np.arange(first, first + len(cells)), points, (), (), resolution_m, log_odds)
+
+
+# Lines, and what they say of two places.
+
+
+@given(bars(), RESOLUTIONS, SHIFTS)
+@QUICK
+def test_the_line_through_cells_is_that_of_the_oracle(cells, resolution_m, shift):
+    assume(oracle.has_direction(cells))
+    got, wanted = (
+        shape.fit_line(points_of(cells, resolution_m, shift), resolution_m),
+        oracle.fit_line(cells, resolution_m),
+    )
+    way = got.along @ wanted.along
+    assert abs(way) == pytest.approx(1)
+    begin_end = (wanted.begin, wanted.end) if way > 0 else (-wanted.end, -wanted.begin)
+    assert (got.begin_m, got.end_m) == pytest.approx(begin_end)
+    assert got.depth_m == pytest.approx(wanted.depth, abs=1e-7)
+    offset = np.array(wanted.middle) + np.array(shift[::-1]) * resolution_m
+    np.testing.assert_allclose(got.middle, offset, atol=1e-9)
+    assert place_of(cells, resolution_m, shift).size_m == pytest.approx(oracle.size(cells, resolution_m))
+
+
+@given(bars(), bars(), RESOLUTIONS, SHIFTS)
+@QUICK
+def test_ends_about_which_a_leaf_may_turn_are_those_of_the_oracle(cells, others, resolution_m, shift):
+    line, other = (oracle.fit_line(of, resolution_m) for of in (cells, others))
+    assume(oracle.has_direction(cells) and oracle.has_direction(others))
+    for end in (line.begin, line.end):  # an end beside the middle of the other line is an end beside neither end
+        r = sum((line.middle[k] + end * line.along[k] - other.middle[k]) * other.along[k] for k in (0, 1))
+        assume(abs(r - (other.begin + other.end) / 2) > 1e-6)
+    limits = (shape.LEAF_DEPTH_M, shape.LEAF_LENGTH_M, shape.HINGE_OFF_M, shape.HINGE_GAP_M, shape.LONGER)
+    wanted = oracle.hinges(line, other, *limits, shape.LEAST_TURN_RAD)
+    first, second = (shape.fit_line(points_of(of, resolution_m, shift), resolution_m) for of in (cells, others))
+    turned = first.along @ line.along < 0
+    got = shape.hinges(first, second)
+    assert sorted(1 - k for k in got) == list(wanted) if turned else got == wanted
+
+
+@given(bars(), bars(), RESOLUTIONS, SHIFTS, st.sampled_from([0.3, 0.25, 0.0]))
+@QUICK
+def test_the_odds_of_being_near_are_those_of_the_oracle_anywhere_on_the_map(
+    cells, others, resolution_m, shift, hinge_m
+):
+    chosen = EvidenceConfig(hinge_m=hinge_m)
+    ratio = oracle.size(cells, resolution_m) / oracle.size(others, resolution_m)
+    got = shape.near_odds(*(points_of(of, resolution_m, shift) for of in (cells, others)), ratio, chosen)
+    assert got == pytest.approx(oracle.near_odds(cells, others, resolution_m, chosen), abs=1e-9)
+
+
+# Traits.
+
+
+@st.composite
+def scenes(draw: st.DrawFn, most: int = 3):
+    """Groups of cells close to each other, with what stands around; and courses as smoothed and as measured."""
+    groups, taken = [], set()
+    for cells in draw(st.lists(bars(), min_size=1, max_size=most)):
+        free = [cell for cell in cells if cell not in taken]
+        taken.update(free)
+        if len(free) > 1:
+            groups.append(free)
+    assume(groups)
+    around = draw(st.sets(st.tuples(st.integers(-8, 8), st.integers(-8, 8)), max_size=12)) - taken
+    courses = draw(st.lists(series(), min_size=2, max_size=3))
+    which = st.sampled_from(range(len(courses)))
+    smoothed = {cell: courses[draw(which)] for cell in sorted(around)}
+    for cells in groups:
+        mostly = draw(which)
+        smoothed |= {cell: courses[draw(which) if draw(st.integers(0, 9)) == 0 else mostly] for cell in cells}
+    stray = draw(st.sets(st.sampled_from(sorted(smoothed)), max_size=5))
+    measured = {
+        cell: [
+            (start, stop, state != (cell in stray and k % 2 == 0)) for k, (start, stop, state) in enumerate(course)
+        ]
+        for cell, course in smoothed.items()
+    }
+    return groups, smoothed, measured
+
+
+@given(scenes(), RESOLUTIONS, SHIFTS, st.data())
+@settings(QUICK, max_examples=300)
+def test_the_traits_of_a_place_are_those_of_the_oracle(scene, resolution_m, shift, data):
+    groups, smoothed, measured = scene
+    chosen = EvidenceConfig(
+        ring_m=data.draw(st.sampled_from([0.05, 0.1, 0.15])),
+        echo_m=data.draw(st.sampled_from([0.1, 0.25])),
+        seen_share=data.draw(st.sampled_from([0.0, 0.3, 0.75])),
+        long_stay_s=data.draw(st.sampled_from([4.0, 20.0])),
+    )
+    comes_back = data.draw(st.sets(st.sampled_from(sorted(smoothed)), max_size=4))
+    assume(oracle.has_direction(groups[0]))
+    states = cell_states_of(smoothed, measured, resolution_m, chosen.worth_s, shift)
+    place = places.measure(states, indices(groups[0], smoothed), chosen)
+    assume(place.occupied)
+    back = np.zeros(len(smoothed), dtype=np.bool_)
+    back[indices(comes_back, smoothed)] = True
+    evidence_free = {cell: oracle_evidence.state_evidence(smoothed[cell], chosen.worth_s)[0][0] for cell in smoothed}
+    wanted = oracle.traits(groups[0], smoothed, measured, evidence_free, comes_back, resolution_m, chosen)
+    got = places.traits_of(states, place, back, chosen)
+    assert got._asdict() == pytest.approx(wanted, abs=1e-7, rel=1e-9)
+
+
+@given(st.tuples(*(st.floats(-0.2, 1.2) for _ in scorecard.Traits._fields)))
+@QUICK
+def test_the_odds_of_a_place_are_those_of_the_oracle(shares):
+    tables = scorecard.WEIGHTS
+    assert set(tables) == set(scorecard.Traits._fields)
+    values = {
+        name: tables[name][0][0] + share * (tables[name][0][-1] - tables[name][0][0])
+        for name, share in zip(scorecard.Traits._fields, shares, strict=True)
+    }
+    got = scorecard.place_odds(scorecard.Traits(**values))
+    assert got == pytest.approx(oracle.place_odds(values, scorecard.BASE, tables), abs=1e-9)
+
+
+# Groups that lie along each other.
+
+
+@given(scenes(most=6), RESOLUTIONS, SHIFTS, st.data())
+@settings(QUICK, max_examples=300)
+def test_faces_are_joined_as_by_the_oracle_and_in_the_same_order(scene, resolution_m, shift, data):
+    groups, smoothed, measured = scene
+    chosen = EvidenceConfig(
+        worth_s=data.draw(st.sampled_from([0.5, 2.0])),
+        fragment_m=data.draw(st.sampled_from([0.2, 0.45])),
+        face_m=data.draw(st.sampled_from([0.11, 0.15, 0.2])),
+    )
+    states = cell_states_of(smoothed, measured, resolution_m, chosen.worth_s, shift)
+    pieces = [places.measure(states, indices(cells, smoothed), chosen) for cells in groups]
+    joined = places.join_faces(states, pieces, chosen)
+    shares = places.FACE, places.SAME_PLACE, places.FRAGMENT
+    wanted = oracle.join_faces(groups, smoothed, resolution_m, chosen, *shares)
+    assert [place.cells.tolist() for place in joined] == [indices(cells, smoothed).tolist() for cells in wanted]
+    for place, cells in zip(joined, wanted, strict=True):
+        course = oracle_evidence.course_of_group([smoothed[cell] for cell in cells], chosen.seen_share)
+        assert [[p.start_ns, p.stop_ns, p.state == "occupied"] for p in place.periods] == course
+
+
+@given(st.lists(bars(), min_size=1, max_size=6), RESOLUTIONS, SHIFTS, st.data())
+@settings(QUICK, max_examples=300)
+def test_of_places_along_each_other_the_oracle_keeps_the_same(groups, resolution_m, shift, data):
+    groups = sorted(groups)
+    assume(len({min(cells) for cells in groups}) == len(groups))
+    log_odds = data.draw(st.lists(st.sampled_from([0.0, 1.0, 2.0]), min_size=len(groups), max_size=len(groups)))
+    face_m = data.draw(st.sampled_from([0.11, 0.15]))
+    every = [
+        place_of(cells, resolution_m, shift, odds, 100 * k)
+        for k, (cells, odds) in enumerate(zip(groups, log_odds, strict=True))
+    ]
+    kept = places.without_doubles(every, face_m)
+    wanted = oracle.without_doubles(groups, log_odds, resolution_m, face_m, places.SAME_PLACE)
+    assert [int(place.cells[0]) // 100 for place in kept] == wanted

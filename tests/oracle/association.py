@@ -1,4 +1,4 @@
-"""Which places are of one thing, which are doubtful, which cells are glass, and what hides behind doors: slow, obvious."""
+"""Sets of places, doubtful places, glass, and what hides behind doors, in slow, obvious Python."""
 
 from __future__ import annotations
 

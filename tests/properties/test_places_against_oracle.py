@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from lattice_groups import RESOLUTIONS, SHIFTS, bars, cell_states_of, indices, place_of, points_of, series
+from lattice_groups import LOOK_NS, RESOLUTIONS, SHIFTS, bars, cell_states_of, indices, place_of, points_of, series
 from oracle import evidence as oracle_evidence
 from oracle import places as oracle
 from tempog.analysis.evidence import places, scorecard, shape
@@ -71,21 +71,29 @@ def test_the_odds_of_being_near_are_those_of_the_oracle_anywhere_on_the_map(
 
 
 @st.composite
+def corners(draw: st.DrawFn) -> list[list[tuple[int, int]]]:
+    """The long side of a box, and a short one that begins at its corner."""
+    long, short = draw(st.integers(5, 14)), draw(st.integers(3, 9))
+    return [[(0, col) for col in range(long)], [(row, long) for row in range(short)]]
+
+
+@st.composite
 def scenes(draw: st.DrawFn, most: int = 3):
     """Groups of cells close to each other, with what stands around; and courses as smoothed and as measured."""
     groups, taken = [], set()
-    for cells in draw(st.lists(bars(), min_size=1, max_size=most)):
+    for cells in draw(st.one_of(st.lists(bars(), min_size=1, max_size=most), corners())):
         free = [cell for cell in cells if cell not in taken]
         taken.update(free)
         if len(free) > 1:
             groups.append(free)
     assume(groups)
     around = draw(st.sets(st.tuples(st.integers(-8, 8), st.integers(-8, 8)), max_size=12)) - taken
-    courses = draw(st.lists(series(), min_size=2, max_size=3))
+    courses = [*draw(st.lists(series(), min_size=2, max_size=3)), [(0, 300 * LOOK_NS, True)]]
     which = st.sampled_from(range(len(courses)))
     smoothed = {cell: courses[draw(which)] for cell in sorted(around)}
+    alike = draw(st.one_of(st.none(), which))
     for cells in groups:
-        mostly = draw(which)
+        mostly = draw(which) if alike is None else alike
         smoothed |= {cell: courses[draw(which) if draw(st.integers(0, 9)) == 0 else mostly] for cell in cells}
     stray = draw(st.sets(st.sampled_from(sorted(smoothed)), max_size=5))
     measured = {
@@ -111,6 +119,8 @@ def test_the_traits_of_a_place_are_those_of_the_oracle(scene, resolution_m, shif
     assume(oracle.has_direction(groups[0]))
     states = cell_states_of(smoothed, measured, resolution_m, chosen.worth_s, shift)
     place = places.measure(states, indices(groups[0], smoothed), chosen)
+    stays = oracle.stays_of_group([smoothed[cell] for cell in groups[0]], chosen.seen_share, chosen.least_stay_s)
+    assert [tuple(stay) for stay in place.stays] == [pytest.approx(tuple(stay)) for stay in stays]
     assume(place.occupied)
     back = np.zeros(len(smoothed), dtype=np.bool_)
     back[indices(comes_back, smoothed)] = True

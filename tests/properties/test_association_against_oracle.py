@@ -110,7 +110,7 @@ def test_the_sets_chosen_are_the_best_of_all_that_the_oracle_finds(scene, resolu
     )
     log_odds = data.draw(st.lists(st.sampled_from([-0.8, 0.1, 3.0]), min_size=len(groups), max_size=len(groups)))
     every = [
-        replace(place_of(cells, resolution_m, shift, odds), periods=periods(course))
+        replace(place_of(cells, resolution_m, shift, odds), course=places.as_arrays(periods(course)))
         for cells, course, odds in zip(groups, courses, log_odds, strict=True)
     ]
     centres = [tuple(resolution_m * x for x in oracle_places.mean_point(cells)) for cells in groups]

@@ -10,7 +10,7 @@ import pytest
 
 from tempog.analysis.configurations import Period
 from tempog.analysis.evidence.association import Links, associate_places
-from tempog.analysis.evidence.places import Place, without_doubles
+from tempog.analysis.evidence.places import Place, as_arrays, without_doubles
 from tempog.analysis.evidence.scorecard import WEIGHTS, Traits, place_odds
 from tempog.analysis.evidence.shape import fit_line, hinges
 from tempog.methods import EvidenceConfig
@@ -36,7 +36,7 @@ def place(points, courses="", log_odds: float = 5.0) -> Place:
     """A place that is occupied (o), free (f) or not seen (.) for 20 s at a time."""
     states = {"o": "occupied", "f": "free"}
     periods = [Period(20 * k * S, 20 * (k + 1) * S, states[state]) for k, state in enumerate(courses) if state != "."]
-    return Place(np.arange(len(points)), points, tuple(periods), (), CELL_M, log_odds)
+    return Place(np.arange(len(points)), points, as_arrays(periods), (), CELL_M, log_odds)
 
 
 @pytest.mark.parametrize("angle_deg", [45, 70, 90, 110, 160, -90])

@@ -109,7 +109,8 @@ class PaperConfig:
 class EvidenceConfig:
     """How places and objects are found from evidence per state (method ``evidence``).
 
-    Chosen on twelve simulated drives through five kinds of world, with 0 to 60 people; see docs/objects.md.
+    Chosen on simulated drives through five kinds of world, with 0 to 60 people, good poses and bad; see
+    docs/objects.md.
 
     Parameters
     ----------

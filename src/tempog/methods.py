@@ -145,8 +145,9 @@ class EvidenceConfig:
         Log odds from which on a group may be a place, if another place of the same thing speaks for it, and from
         which on it is one by itself; see `tempog.analysis.evidence.scorecard`.
     once_doubt : float
-        Log odds lost by what changed but once: the pass before a jump of the poses shows every wall beside where the
-        passes after it do. Poses of the simulated drives drift, but do not jump.
+        Log odds lost by what changed but once and is linked with no other place: the pass before a jump of the
+        poses shows every wall beside where the passes after it do. Poses of the simulated drives drift, but do not
+        jump.
     together : float, 0..1
         Share of a group's cells that must be occupied while it is.
     ring_m : float, metres

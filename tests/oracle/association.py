@@ -68,11 +68,12 @@ def best_sum(sets):
     return max(best_sum(dict(others)), odds + best_sum(apart))
 
 
-def without_doubtful(log_odds, sets, place_above):
+def without_doubtful(log_odds, n_changes, sets, place_above, once_doubt):
     """``(numbers of the places that stay, sets in new numbers)``; sets are ``(members, rivals)``."""
     stay = []
     for i in range(len(log_odds)):
-        if log_odds[i] > place_above or any(i in members for members, _ in sets):
+        alone = log_odds[i] - once_doubt if n_changes[i] == 1 else log_odds[i]
+        if alone > place_above or any(i in members for members, _ in sets):
             stay.append(i)
     renumbered = []
     for members, rivals in sets:

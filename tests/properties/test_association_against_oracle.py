@@ -136,10 +136,15 @@ def test_the_places_that_nothing_speaks_for_are_left_out_as_by_the_oracle(log_od
     parts = [tuple(sorted(shuffled[a:b])) for a, b in itertools.pairwise([0, *ends])]
     rivals = st.sets(st.sampled_from(range(len(log_odds)))) if log_odds else st.just(set())
     sets = [ChosenSet(part, 1.0, 0.5, tuple(sorted(data.draw(rivals)))) for part in parts if len(part) > 1]
-    every = [place_of([(k, 0), (k, 1)], 0.05, log_odds=odds) for k, odds in enumerate(log_odds)]
+    n_changes = data.draw(st.lists(st.integers(0, 3), min_size=len(log_odds), max_size=len(log_odds)))
+    stays = [tuple(places.Stay(k % 2 == 0, k, k + 1, 1.0, 1.0) for k in range(n + 1)) for n in n_changes]
+    every = [
+        replace(place_of([(k, 0), (k, 1)], 0.05, log_odds=odds), stays=stays[k]) for k, odds in enumerate(log_odds)
+    ]
     chosen = EvidenceConfig()
     kept, renumbered = find.without_doubtful(every, sets, chosen)
-    stay, wanted = oracle.without_doubtful(log_odds, [(one.members, one.rivals) for one in sets], chosen.place_above)
+    linked = [(one.members, one.rivals) for one in sets]
+    stay, wanted = oracle.without_doubtful(log_odds, n_changes, linked, chosen.place_above, chosen.once_doubt)
     assert kept == [every[i] for i in stay]
     assert [(list(one.members), list(one.rivals)) for one in renumbered] == wanted
     assert all((one.log_odds, one.margin) == (1.0, 0.5) for one in renumbered)

@@ -59,7 +59,12 @@ def without_doubtful(
 ) -> tuple[list[Place], list[ChosenSet]]:
     """Without places that neither their traits nor a link speak for; and the sets, in the new numbers."""
     several = {i for one in sets for i in one.members}
-    kept = [i for i, place in enumerate(places) if i in several or place.log_odds > settings.place_above]
+    kept = [
+        i
+        for i, place in enumerate(places)
+        if i in several
+        or place.log_odds - (settings.once_doubt if place.n_changes == 1 else 0.0) > settings.place_above
+    ]
     new = {i: k for k, i in enumerate(kept)}
     renumbered = [
         one._replace(members=tuple(new[i] for i in one.members), rivals=tuple(new[i] for i in one.rivals if i in new))

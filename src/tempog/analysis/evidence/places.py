@@ -148,8 +148,7 @@ def find_places(
     Sorted by the row, then column, of the first cell.
     """
     judged = (
-        replace(place, log_odds=place_odds(traits) - (settings.once_doubt if place.n_changes == 1 else 0.0))
-        for place, traits in candidates(states, groups, settings, known)
+        replace(place, log_odds=place_odds(traits)) for place, traits in candidates(states, groups, settings, known)
     )
     places = without_doubles([place for place in judged if place.log_odds > settings.doubt_above], settings.face_m)
     return sorted(places, key=lambda place: int(place.cells[0]))

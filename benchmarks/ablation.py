@@ -86,13 +86,10 @@ def row(name: str, scores: list[Scores]) -> str:
         )
     ]
     counts = [
-        sum(part(one) for one in scores)
-        for part in (
-            lambda one: one.objects.two_places.n,
-            lambda one: one.objects.three_places.n,
-            lambda one: one.links.recall.n,
-            lambda one: one.links.n_wrong,
-        )
+        sum(one.objects.two_places.n for one in scores),
+        sum(one.objects.three_places.n for one in scores),
+        sum(one.links.recall.n for one in scores),
+        sum(one.links.n_wrong for one in scores),
     ]
     return f"| {name} | " + " | ".join([*(f"{share:.3f}" for share in shares), *map(str, counts)]) + " |"
 

@@ -74,6 +74,12 @@ class Town(History):
         """Ten scans a second."""
         return np.arange(self._n_scans, dtype=np.int64) * SCAN_NS
 
+    @property
+    def poses(self) -> NDArray[np.float64]:
+        """Of the longest drive, lap after lap; what other drives saw counts as seen from there, too."""
+        longest = max(self._drives, key=lambda drive: len(drive.stamps_ns))
+        return np.resize(longest.poses, (self._n_scans, 3))
+
     def runs(self) -> Iterator[Runs]:
         """All laps, then what was added."""
         yield from self._sets

@@ -72,7 +72,7 @@ def count_statements(log: BenchLog, evidence: Evidence) -> int:
     """Cell statements (hit or free, once per cell and scan) in the whole log."""
     grid = TemporalGrid(log.config(evidence))
     total = 0
-    sense: Callable[..., Statements] = grid._sensor.sense
+    sense: Callable[..., Statements] = grid._mapper.sensor.sense
 
     def counting(*arguments: object) -> Statements:
         nonlocal total
@@ -80,7 +80,7 @@ def count_statements(log: BenchLog, evidence: Evidence) -> int:
         total += len(statements.cells)
         return statements
 
-    grid._sensor.sense = counting  # type: ignore[method-assign, assignment]
+    grid._mapper.sensor.sense = counting  # type: ignore[method-assign, assignment]
     grid.integrate_many(log.scans)
     return total
 

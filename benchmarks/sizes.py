@@ -54,10 +54,13 @@ def _add_rows(section: Section, evidence: Evidence, grid: TemporalGrid) -> None:
 def _add_cell_rows(section: Section, evidence: Evidence, grid: TemporalGrid) -> None:
     n_cells, n_bytes = grid.tiles.n_cells, "bytes"
     held = f"{n_cells} cells, {grid.n_cells} seen"
-    records = grid._first.nbytes + grid._last.nbytes + grid._value.nbytes
+    records = grid._mapper.first.nbytes + grid._mapper.last.nbytes + grid._mapper.value.nbytes
     per_cell = (records + grid.surfaces.slot_of_cell.nbytes + grid.tiles.nbytes) / n_cells
     in_use = (
-        sum(array.itemsize for array in (grid._first, grid._last, grid._value, grid.surfaces.slot_of_cell))
+        sum(
+            array.itemsize
+            for array in (grid._mapper.first, grid._mapper.last, grid._mapper.value, grid.surfaces.slot_of_cell)
+        )
         + (grid.tiles.tile_rows.itemsize + grid.tiles.tile_cols.itemsize) / 64
         + grid.tiles.directory.nbytes / n_cells
     )

@@ -41,8 +41,8 @@ def empty_grid(stream: Stream, resolution_m: float = GridConfig.resolution_m) ->
     """A grid that listens to `stream`, whatever the time between its scans."""
     settings = GridConfig(resolution_m, gap_s=stream.gap_ns / 1e9, tolerance=stream.tolerance)
     grid = TemporalGrid(MapConfig(grid=settings))
-    grid._sensor = FedSensor(stream)
-    grid._gap_judged = True
+    grid._mapper.sensor = FedSensor(stream)
+    grid._mapper.gap_judged = True
     return grid
 
 

@@ -528,7 +528,7 @@ def nearest_tie_m(scan: Scan, no_return: str) -> float:
 def literal_grid(no_return: str) -> TemporalGrid:
     sensing = SensingConfig(evidence="literal", no_return=no_return, max_range_m=MAX_RANGE_M)
     grid = TemporalGrid(MapConfig(sensing, GridConfig(RESOLUTION_M, gap_s=1.0)))
-    grid._gap_judged = True
+    grid._mapper.gap_judged = True
     return grid
 
 
@@ -580,7 +580,7 @@ def test_a_ray_moves_one_cell_per_step(pose, hundredths, evidence):
     sensing = SensingConfig(evidence=evidence, free_margin_m=0, protect_m=0)
     grid = TemporalGrid(MapConfig(sensing, GridConfig(RESOLUTION_M)))
     scan = Scan(0.0, pose, [0.1], [hundredths * 0.0101])
-    statements = grid._sensor.sense(scan, grid.tiles, grid.surfaces)
+    statements = grid._mapper.sensor.sense(scan, grid.tiles, grid.surfaces)
     rows, cols = (place.tolist() for place in grid.tiles.rows_cols(statements.cells))
     hit, *free = zip(rows, cols, strict=True)
     way = [*free, hit]
@@ -598,7 +598,7 @@ def test_the_surface_model_calls_free_only_what_the_literal_model_does(scans):
         grid = TemporalGrid(MapConfig(sensing, GridConfig(RESOLUTION_M, gap_s=4.0)))
         said[evidence] = []
         for scan in scans:
-            statements = grid._sensor.sense(scan, grid.tiles, grid.surfaces)
+            statements = grid._mapper.sensor.sense(scan, grid.tiles, grid.surfaces)
             places = zip(*(place.tolist() for place in grid.tiles.rows_cols(statements.cells)), strict=True)
             said[evidence].append(dict(zip(places, statements.prob.tolist(), strict=True)))
     for surface, literal in zip(said["surface"], said["literal"], strict=True):

@@ -23,7 +23,7 @@ def new_grid(**sensing) -> TemporalGrid:
 
 def said_by(grid: TemporalGrid, scan: Scan) -> tuple[set, set]:
     """The cells that `scan` calls a hit, and those it calls free."""
-    statements = grid._sensor.sense(scan, grid.tiles, grid.surfaces)
+    statements = grid._mapper.sensor.sense(scan, grid.tiles, grid.surfaces)
     rows, cols = (place.tolist() for place in grid.tiles.rows_cols(statements.cells))
     said = list(zip(rows, cols, statements.prob > 0.5, strict=True))
     return {(row, col) for row, col, hit in said if hit}, {(row, col) for row, col, hit in said if not hit}

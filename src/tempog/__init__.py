@@ -36,11 +36,12 @@ if TYPE_CHECKING:
     from tempog.grid.temporal_grid import TemporalGrid
     from tempog.grid.time_index import TimeIndex
     from tempog.methods import EvidenceConfig, PaperConfig
-    from tempog.pipeline import build_grid
+    from tempog.pipeline import add_to_map, build_grid
     from tempog.scans.npz import write_npz
     from tempog.scans.open import open_scans
     from tempog.scans.scan import Scan, ScanLog
-    from tempog.store.map_directory import SavedMap, open_map, save_map
+    from tempog.store.live_map import LiveMap
+    from tempog.store.saved_map import SavedMap, open_map, save_map
 
 # Numba takes a second to import, so nothing is loaded before it is used.
 _HOMES = {
@@ -69,11 +70,12 @@ _HOMES = {
     "tempog.grid.temporal_grid": ["TemporalGrid"],
     "tempog.grid.time_index": ["TimeIndex"],
     "tempog.methods": ["EvidenceConfig", "PaperConfig"],
-    "tempog.pipeline": ["build_grid"],
+    "tempog.pipeline": ["add_to_map", "build_grid"],
     "tempog.scans.npz": ["write_npz"],
     "tempog.scans.open": ["open_scans"],
     "tempog.scans.scan": ["Scan", "ScanLog"],
-    "tempog.store.map_directory": ["SavedMap", "open_map", "save_map"],
+    "tempog.store.live_map": ["LiveMap"],
+    "tempog.store.saved_map": ["SavedMap", "open_map", "save_map"],
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
@@ -92,6 +94,7 @@ __all__ = [
     "GridConfig",
     "HighDynamic",
     "History",
+    "LiveMap",
     "MapConfig",
     "MapError",
     "MovingObject",
@@ -111,6 +114,7 @@ __all__ = [
     "TimeIndex",
     "Window",
     "__version__",
+    "add_to_map",
     "associate",
     "build_grid",
     "find_configurations",

@@ -62,23 +62,83 @@ def build_grid(
     1.0
     """
     logs = _as_logs(scans)
+    fitting, period_s = _fitting(config, gap, logs)
+    grid = TemporalGrid(fitting, scan_period_s=period_s)
+    _integrate_all(grid.integrate, _ordered(logs), skip_far, track)  # Fig. 4
+    return grid
+
+
+def add_to_map(
+    logs: Sequence[ScanLog],
+    path: str | os.PathLike[str],
+    config: MapConfig | None = None,
+    *,
+    gap: str | None = None,
+    robot: str = "",
+    session: str = "",
+    window: str | float | None = None,
+    skip_far: bool = False,
+    track: Callable[[list[Scan]], Iterable[Scan]] | None = None,
+) -> str:
+    """Map logs as one session of a map on disk, all of it or nothing; returns the session's name.
+
+    Parameters
+    ----------
+    logs, gap, skip_far, track
+        See `build_grid`.
+    path, config, robot, session, window
+        See `LiveMap`.
+
+    Raises
+    ------
+    MapError
+        The map holds one of the logs already, or cannot be written; it is as it was.
+    """
+    from tempog.store.live_map import LiveMap
+    from tempog.store.saved_map import refuse_known, source_of
+
+    ordered = _ordered(_as_logs(logs))
+    sources = [source_of(log) for log in logs]
+    refuse_known(path, sources, ordered)
+    if config is not None or gap is not None:
+        config, period_s = _fitting(config, gap, logs)
+    else:
+        period_s = math.nan
+    settings = {"robot": robot, "session": session, "window": window, "sources": sources, "scan_period_s": period_s}
+    with LiveMap(path, config, journal=False, at_once=False, flush_s=math.inf, **settings) as live:  # type: ignore[arg-type]
+        _integrate_all(live.integrate, ordered, skip_far, track)
+    return live.session
+
+
+def _ordered(logs: Iterable[Sequence[Scan]]) -> list[Scan]:
+    return sorted(chain.from_iterable(logs), key=lambda scan: scan.stamp_ns)
+
+
+def _fitting(config: MapConfig | None, gap: str | None, logs: Sequence[Sequence[Scan]]) -> tuple[MapConfig, float]:
+    """Settings with the gap that was asked for, and the scan period."""
     period_s = max((log_period for log in logs if (log_period := _period_s(log)) > 0), default=math.nan)
     config = config or MapConfig()
     if gap is not None:
         config = replace(config, grid=replace(config.grid, gap_s=parse_gap(gap, period_s)))
-    grid = TemporalGrid(config, scan_period_s=period_s)
-    ordered = sorted(chain.from_iterable(logs), key=lambda scan: scan.stamp_ns)
+    return config, period_s
+
+
+def _integrate_all(
+    integrate: Callable[[Scan], None],
+    ordered: list[Scan],
+    skip_far: bool,
+    track: Callable[[list[Scan]], Iterable[Scan]] | None,
+) -> None:
     far: list[str] = []
     for scan in ordered if track is None else track(ordered):
         try:
-            grid.integrate(scan)  # Fig. 4
+            integrate(scan)
         except ExtentError as error:
             far.append(str(error))
             if not skip_far or 2 * len(far) > len(ordered):
                 raise
     if far:
-        warnings.warn(f"{len(far)} of {len(ordered)} scans left out; the first: {far[0]}", stacklevel=2)
-    return grid
+        warnings.warn(f"{len(far)} of {len(ordered)} scans left out; the first: {far[0]}", stacklevel=3)
 
 
 def _period_s(log: Sequence[Scan]) -> float:

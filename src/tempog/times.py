@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -52,6 +53,32 @@ def parse_moment(moment: Moment, start_ns: int) -> int:
     if not isinstance(moment, float | np.floating | np.integer):
         raise MomentError(f"{moment!r} is not a moment; wanted seconds, text, a datetime or a numpy.datetime64")
     return _from_seconds(float(moment), moment)
+
+
+UNITS_S = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86_400.0, "w": 604_800.0}
+
+
+def parse_duration(text: str | float) -> float:
+    """Seconds, from text like ``"24h"``, ``"30d"``, ``"90min"``, ``"2w"``, ``"10s"`` or a number of seconds.
+
+    Raises
+    ------
+    MomentError
+        Anything else, or a duration that is not above 0.
+
+    Examples
+    --------
+    >>> parse_duration("24h"), parse_duration(90)
+    (86400.0, 90.0)
+    """
+    match = re.fullmatch(r"\s*([0-9.eE+-]+?)\s*([a-z]*)\s*", str(text))
+    try:
+        seconds = float(match[1]) * UNITS_S[match[2] or "s"] if match else math.nan
+    except (ValueError, KeyError):
+        seconds = math.nan
+    if not 0 < seconds < math.inf:
+        raise MomentError(f"{text!r} is not a duration; wanted for example 30d, 24h, 90min or 10s")
+    return seconds
 
 
 def format_moment(stamp_ns: int, start_ns: int) -> str:

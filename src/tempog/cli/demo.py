@@ -41,7 +41,7 @@ def demo(
     from tempog.analysis.find_objects import find_objects
     from tempog.pipeline import build_grid
     from tempog.simulation import corridor, simulate
-    from tempog.store.map_directory import check_target, save_map
+    from tempog.store.saved_map import check_target, save_map
     from tempog.views.figures import draw_layer
     from tempog.views.objects import draw_objects
 

@@ -73,7 +73,7 @@ def found(answer: Path, method: Method, every_s: float) -> dict[str, Any]:
 
         return read_objects(answer)
     from tempog.analysis.find_objects import find_objects
-    from tempog.store.map_directory import open_map
+    from tempog.store.saved_map import open_map
 
     objects = find_objects(open_map(answer), method)
     return objects.document(objects.high_dynamics(every_s))
@@ -86,12 +86,13 @@ def doubts(answer: Path, truth: Path, method: Method | None, every_s: float | No
         names = [name for name, value in given.items() if value is not None]
         return [f"{' and '.join(names)} ignored: {answer} says what was found already"] if names else []
     from tempog.simulation.truth import SUFFIXES
-    from tempog.store.map_directory import open_map
+    from tempog.store.saved_map import open_map
 
     log = truth.name
     for suffix in SUFFIXES:
         log = log.removesuffix(suffix)
-    mapped = [Path(source["path"]).name for source in open_map(answer).manifest["sources"] if source["path"]]
+    sources = [source for session in open_map(answer).sessions for source in session.sources]
+    mapped = [Path(source["path"]).name for source in sources if source["path"]]
     if not mapped or log in mapped:
         return []
     return [

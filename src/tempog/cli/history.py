@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
+from tempog.cli._maps import MapArgument, RobotOption, SessionOption, opened
 from tempog.cli._output import JsonFlag, duration_text, print_json
-from tempog.cli.info import MapArgument
 from tempog.times import NS_PER_S
 
 if TYPE_CHECKING:
@@ -25,12 +25,12 @@ def history(
     x: Annotated[float, typer.Argument(metavar="X", help="Metres, map frame.")],
     y: Annotated[float, typer.Argument(metavar="Y", help="Metres, map frame.")],
     every: Annotated[bool, typer.Option("--all", help="List every interval.")] = False,
+    sessions: SessionOption = None,
+    robots: RobotOption = None,
     json: JsonFlag = False,
 ) -> None:
     """List the states that the cell at X Y has had."""
-    from tempog.store.map_directory import open_map
-
-    saved = open_map(map_path)
+    saved = opened(map_path, sessions, robots)
     states = saved.history(x, y)
     if json:
         intervals = [

@@ -6,11 +6,13 @@ import math
 import time
 import warnings
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from tempog.cli._maps import opened
 from tempog.cli._output import (
     ForceFlag,
     JsonFlag,
@@ -25,16 +27,19 @@ from tempog.cli._output import (
     wants_progress,
 )
 from tempog.config import DEFAULT_GAP, Evidence, GridConfig, MapConfig, NoReturn, SensingConfig, parse_gap
-from tempog.errors import ScanError
+from tempog.errors import ConfigError, ScanError
+from tempog.times import NS_PER_S, parse_duration
 
 if TYPE_CHECKING:
     from tempog.scans.scan import ScanLog
 
 MAP_SUFFIX = ".tempog"
+MAP_SETTINGS = ("resolution", "max_range", "gap", "tolerance", "evidence", "no_return", "max_cells")
 LOG_SUFFIXES = {".gz", ".log", ".clf", ".npz"}
 
 
 def map_logs(
+    context: typer.Context,
     inputs: Annotated[
         list[Path], typer.Argument(metavar="INPUT...", help="Laser logs: CARMEN (.log, .clf, .gz), .npz.")
     ],
@@ -67,27 +72,49 @@ def map_logs(
         int, typer.Option(help="Bound on the map's bounding rectangle, against corrupt poses.")
     ] = GridConfig.max_cells,
     skip_bad: Annotated[bool, typer.Option("--skip-bad", help="Leave out unusable lines, and count them.")] = False,
+    append: Annotated[
+        bool, typer.Option("--append", help="Add the logs to MAP, as a session with the map's own settings.")
+    ] = False,
+    robot: Annotated[str, typer.Option(metavar="NAME", help="Kept with the session.")] = "",
+    session: Annotated[str, typer.Option(metavar="ID", help="A name for the session. Default: from the date.")] = "",
+    window: Annotated[
+        str | None,
+        typer.Option(metavar="DURATION", help="How much history stays in memory, such as 24h; all is on disk."),
+    ] = None,
     force: ForceFlag = False,
     quiet: QuietFlag = False,
     json: JsonFlag = False,
 ) -> None:
     """Map one or more laser logs; several are merged by time."""
-    config = MapConfig(
+    settings = MapConfig(
         SensingConfig(evidence=evidence, max_range_m=max_range, no_return=no_return),
         GridConfig(resolution_m=resolution, tolerance=tolerance, max_cells=max_cells),
     )
     parse_gap(gap, math.nan)  # says at once if it is no duration
+    if window is not None:
+        parse_duration(window)
     path = output or default_map_path(inputs[0])
+    sources = {name: context.get_parameter_source(name) for name in MAP_SETTINGS}
+    chosen = [name for name, source in sources.items() if source is not None and source.name == "COMMANDLINE"]
+    if append and chosen:
+        names = ", ".join(f"--{name.replace('_', '-')}" for name in chosen)
+        raise ConfigError(f"--append goes on with the map's own settings; leave out {names}, or make another map")
+    if append and force:
+        raise ConfigError("--append adds to a map, --force replaces it; give one or the other")
     for source in inputs:
         if (source / "map.json").is_file():
             raise ScanError(f"{source} is a map, not a log; look at it with: tempog show {source} -o map.png")
     # These import Numba and pyarrow, which --help should not wait for.
     from tempog.analysis.pose_consistency import pose_consistency
-    from tempog.pipeline import build_grid
+    from tempog.pipeline import add_to_map
     from tempog.scans.open import open_scans
-    from tempog.store.map_directory import check_target, open_map, save_map
+    from tempog.store.manifest import read_manifest
+    from tempog.store.saved_map import check_target, new_map
 
-    check_target(path, force)
+    if append:
+        read_manifest(path)
+    else:
+        check_target(path, force)
     progress = wants_progress(quiet or json)
     logs = []
     for source in inputs:
@@ -104,28 +131,40 @@ def map_logs(
     started = time.perf_counter()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        grid = build_grid(logs, config, gap=gap, skip_far=skip_bad, track=track_scans if progress else None)
+        with nullcontext(path) if append else new_map(path, force) as folder:
+            name = add_to_map(
+                logs,
+                folder,
+                None if append else settings,
+                gap=None if append else gap,
+                robot=robot,
+                session=session,
+                window=window,
+                skip_far=skip_bad,
+                track=track_scans if progress else None,
+            )
     ingest_s = time.perf_counter() - started
     map_notes += [str(warning.message) for warning in caught]
     if not quiet and not json:
         for note in map_notes:
             print_note(note)
-    with status(f"writing {path}", progress):
-        save_map(grid, path, sources=logs, force=force)
-    saved = open_map(path)
-    poses = pose_consistency(grid)
+    saved = opened(path)
+    poses = pose_consistency(saved)
+    added = next(one for one in saved.sessions if one.id == name)
     answer: dict[str, Any] = {
         "map": str(path),
-        "n_scans": grid.n_scans,
-        "duration_s": grid.duration_s,
-        "n_cells": saved.manifest["n_cells"],
-        "n_intervals": saved.manifest["n_intervals"],
+        "session": name,
+        "n_scans": added.n_scans,
+        "n_scans_in_map": saved.n_scans,
+        "duration_s": (added.stop_ns - added.start_ns) / NS_PER_S,
+        "n_cells": saved.n_cells,
+        "n_intervals": saved.n_intervals,
         "ingest_s": ingest_s,
-        "scans_per_s": grid.n_scans / ingest_s,
+        "scans_per_s": added.n_scans / ingest_s,
         "bytes_on_disk": saved.bytes_on_disk,
-        "resolution_m": resolution,
-        "gap_s": grid.gap_s,
-        "evidence": evidence,
+        "resolution_m": saved.config.grid.resolution_m,
+        "gap_s": added.config["grid"]["gap_s"],
+        "evidence": added.config["sensing"]["evidence"],
         "poses": poses.to_dict(),
         "notes": map_notes,
         "sources": [
@@ -137,7 +176,7 @@ def map_logs(
         print_json(answer)
         return
     typer.echo(
-        f"{count_text(grid.n_scans)} scans in {ingest_s:.1f} s ({answer['scans_per_s']:,.0f}/s):"
+        f"{count_text(added.n_scans)} scans in {ingest_s:.1f} s ({answer['scans_per_s']:,.0f}/s):"
         f" {count_text(answer['n_cells'])} cells, {count_text(answer['n_intervals'])} intervals,"
         f" {bytes_text(answer['bytes_on_disk'])} in {path}"
     )

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from tempog._files import whole_file
+from tempog.cli._maps import MapArgument, RobotOption, SessionOption, opened
 from tempog.cli._output import (
     ForceFlag,
     QuietFlag,
@@ -24,7 +25,6 @@ from tempog.cli._output import (
     wants_progress,
     wrapped,
 )
-from tempog.cli.info import MapArgument
 from tempog.errors import ConfigError
 from tempog.methods import METHODS, EvidenceConfig, Method, PaperConfig
 from tempog.times import NS_PER_S
@@ -74,6 +74,8 @@ def objects(
         list[int] | None,
         typer.Option("--timeline", metavar="OBJECT", help="Also where this object was when; may be repeated."),
     ] = None,
+    sessions: SessionOption = None,
+    robots: RobotOption = None,
     force: ForceFlag = False,
     quiet: QuietFlag = False,
 ) -> None:
@@ -92,9 +94,8 @@ def objects(
         check_new_file(file, force)
     from tempog.analysis.find_objects import find_objects
     from tempog.analysis.pose_consistency import pose_consistency
-    from tempog.store.map_directory import open_map
 
-    saved = open_map(map_path)
+    saved = opened(map_path, sessions, robots)
     history: History = saved
     if start is not None or stop is not None:
         history = history.window(start, stop)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from tempog.cli._maps import MapArgument, RobotOption, SessionOption, opened
 from tempog.cli._output import ForceFlag, check_new_picture, save_figure
-from tempog.cli.info import MapArgument
 from tempog.errors import ConfigError, TimeError
 from tempog.methods import Method
 from tempog.times import NS_PER_S
@@ -37,13 +37,14 @@ def show(
     method: Annotated[
         Method | None, typer.Option(help="How objects are found, as for tempog objects (objects). Default: evidence.")
     ] = None,
+    sessions: SessionOption = None,
+    robots: RobotOption = None,
     force: ForceFlag = False,
 ) -> None:
     """Draw one layer of a map."""
     if at is not None and (start is not None or stop is not None):
         raise ConfigError("--at names a moment, --from and --to a period; give one or the other")
     check_new_picture(output, force)
-    from tempog.store.map_directory import open_map
     from tempog.views.figures import draw_layer
 
     if at is not None and layer not in MOMENT_LAYERS:
@@ -52,7 +53,7 @@ def show(
         raise ConfigError(f"--hold does not go with the {layer} layer; it is for {' and '.join(MOMENT_LAYERS)}")
     if method is not None and layer not in FOUND_LAYERS:
         raise ConfigError(f"--method does not go with the {layer} layer; it is for objects")
-    history: History = open_map(map_path)
+    history: History = opened(map_path, sessions, robots)
     if at is not None:
         _require_covered(history, at)
     if start is not None or stop is not None:

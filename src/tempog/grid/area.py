@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tempog.errors import EmptyWindowError
-from tempog.grid.history import History
+from tempog.grid.history import CellPiece, History
 from tempog.grid.segments import Runs
 from tempog.sensing.grid_spec import Bounds
 from tempog.sensing.tiles import TILE, TILE_BITS, TILE_CELLS, TileIndex
@@ -70,7 +70,7 @@ class Area(History):
             where = _ranges(runs.offsets[first], runs.offsets[end])
             yield Runs(runs.cells[which] + moved, offsets, runs.first[where], runs.last[where], runs.value[where])
 
-    def runs_of_cell(self, cell: int) -> list[tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]]:
+    def runs_of_cell(self, cell: int) -> list[CellPiece]:
         """First scans, last scans and values of one cell's intervals, in pieces in time order."""
         within = cell % TILE_CELLS
         return self._whole.runs_of_cell(int(self._kept[cell >> 2 * TILE_BITS]) * TILE_CELLS + within)

@@ -22,6 +22,9 @@ from tempog.times import MAX_NS, NS_PER_S, Moment, format_moment, parse_moment
 if TYPE_CHECKING:
     from tempog.grid.area import Area
 
+CellPiece = tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]
+"""Of intervals of one cell: first scans, last scans, values."""
+
 OCCUPIED_ABOVE = 0.5  # P(occupied) from which on a cell's state is called occupied
 
 
@@ -139,8 +142,25 @@ class History(ABC):
         """All intervals, in sets from oldest to newest; per cell, later sets hold later intervals."""
 
     @abstractmethod
-    def runs_of_cell(self, cell: int) -> list[tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]]:
+    def runs_of_cell(self, cell: int) -> list[CellPiece]:
         """First scans, last scans and values of one cell's intervals, in pieces in time order."""
+
+    # A history on disk answers these from a part of it.
+
+    def runs_within(self, first_scan: int, last_scan: int) -> Iterator[Runs]:
+        """The intervals that the scans of a period saw, ordered as in `runs`; others may be among them.
+
+        One that goes on after the period may end anywhere after it.
+        """
+        return self.runs()
+
+    def latest_runs(self, last_scan: int) -> Iterator[Runs]:
+        """Each cell's latest interval that began by a scan, ordered as in `runs`; others may be among them."""
+        return self.runs()
+
+    def runs_of_cells(self, first_cell: int, end_cell: int) -> Iterator[Runs]:
+        """The intervals of cells in a range of numbers, ordered as in `runs`; others may be among them."""
+        return self.runs()
 
     def all_runs(self) -> Runs:
         """All intervals in one sorted set."""
@@ -365,7 +385,7 @@ class History(ABC):
             oldest = int(np.searchsorted(stamps, max(stamp_ns - round(hold_ns), -MAX_NS), side="left"))
             # An interval that goes on after the moment counts as seen just then.
             ages_s = (np.maximum(stamp_ns - stamps, 0) / NS_PER_S).astype(np.float32)
-            for runs in self.runs():
+            for runs in self.latest_runs(until):
                 period = (self.first_scan, self.last_scan, until, oldest)
                 latest_states(*runs, *period, ages_s, tile_places, n_cols, value, age_s)
         return value, age_s
@@ -397,10 +417,22 @@ class Window(History):
         return self._whole.poses
 
     def runs(self) -> Iterator[Runs]:
-        """All intervals, those outside the period too."""
-        return self._whole.runs()
+        """The intervals seen within the period, and others."""
+        return self._whole.runs_within(self._first_scan, self._last_scan)
 
-    def runs_of_cell(self, cell: int) -> list[tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]]:
+    def runs_within(self, first_scan: int, last_scan: int) -> Iterator[Runs]:
+        """The intervals that the scans of a period saw, and others."""
+        return self._whole.runs_within(first_scan, last_scan)
+
+    def latest_runs(self, last_scan: int) -> Iterator[Runs]:
+        """Each cell's latest interval that began by a scan, and others."""
+        return self._whole.latest_runs(last_scan)
+
+    def runs_of_cells(self, first_cell: int, end_cell: int) -> Iterator[Runs]:
+        """The intervals of cells in a range of numbers, and others."""
+        return self._whole.runs_of_cells(first_cell, end_cell)
+
+    def runs_of_cell(self, cell: int) -> list[CellPiece]:
         """All intervals of one cell, those outside the period too."""
         return self._whole.runs_of_cell(cell)
 

@@ -185,13 +185,13 @@ class Mapper:
         self.n_sealed = 0
         return runs
 
-    def forget_scans(self) -> None:
-        """Let go of the stamps and poses of scans that mapping does not need any more."""
+    def forget_scans(self, before: int) -> None:
+        """Let go of the stamps and poses of scans before a number, as far as mapping does not need them."""
         stamps_ns = self.stamps_ns
         if not len(stamps_ns):
             return
         kept = int(np.searchsorted(stamps_ns, max(int(stamps_ns[-1]) - self._gap_ns, -MAX_NS), side="left"))
-        kept = max(0, min(kept, len(stamps_ns) - SCANS_TO_JUDGE_GAP))
+        kept = max(0, min(kept, before - self.first_kept, len(stamps_ns) - SCANS_TO_JUDGE_GAP))
         self._stamps_ns, self._poses = stamps_ns[kept:].copy(), self.poses[kept:].copy()
         self.first_kept += kept
 

@@ -33,6 +33,15 @@ class Runs(NamedTuple):
     last: NDArray[np.int32]
     value: NDArray[np.float32]
 
+    @classmethod
+    def of(
+        cls, cell: NDArray[np.int32], first: NDArray[np.int32], last: NDArray[np.int32], value: NDArray[np.float32]
+    ) -> Runs:
+        """Intervals given with their cells, sorted by cell, then time."""
+        starts = np.flatnonzero(np.diff(cell)) + 1
+        offsets = np.concatenate([[0], starts, [len(cell)]] if len(cell) else [[0]]).astype(np.int64)
+        return cls(cell[offsets[:-1]], offsets, first, last, value)
+
     @property
     def n_intervals(self) -> int:
         """Number of intervals."""
@@ -42,6 +51,11 @@ class Runs(NamedTuple):
     def nbytes(self) -> int:
         """Bytes held."""
         return sum(array.nbytes for array in self)
+
+    @property
+    def cell(self) -> NDArray[np.int32]:
+        """Of each interval, the number of its cell."""
+        return np.repeat(self.cells, np.diff(self.offsets))
 
     def of_cell(self, cell: int) -> slice:
         """Where the intervals of one cell are; empty if it has none."""

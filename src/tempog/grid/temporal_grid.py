@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tempog.config import MapConfig, check_gap
-from tempog.grid.history import History
+from tempog.grid.history import CellPiece, History
 from tempog.grid.intervals import NEVER
 from tempog.grid.mapper import SEALED_BUFFER, Mapper
 from tempog.grid.segments import Runs, SegmentStack
@@ -112,7 +112,7 @@ class TemporalGrid(History):
             self._open_runs = self._mapper.open_runs()
         yield self._open_runs
 
-    def runs_of_cell(self, cell: int) -> list[tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]]:
+    def runs_of_cell(self, cell: int) -> list[CellPiece]:
         """First scans, last scans and values of one cell's intervals, in pieces in time order."""
         self._sort_sealed()
         pieces = []

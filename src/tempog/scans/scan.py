@@ -95,6 +95,11 @@ class Scan:
         """Stamp in seconds."""
         return self.stamp_ns / 1e9
 
+    def to_bytes(self) -> bytes:
+        """Stamp, pose and readings, to tell scans apart by."""
+        pose = np.array([self.x, self.y, self.theta])
+        return self.stamp_ns.to_bytes(8, "little", signed=True) + pose.tobytes() + self.ranges.tobytes()
+
     def __repr__(self) -> str:
         returns = int(np.count_nonzero((self.ranges > 0) & (self.ranges < self.max_range)))
         pose = (round(self.x, 3), round(self.y, 3), round(self.theta, 4))

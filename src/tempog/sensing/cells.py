@@ -131,15 +131,30 @@ def add_hit_points(
         moments[slot, 4] += (dy * dy * rest - moments[slot, 4]) * weight
         if not keeps_lines:
             continue
-        xx, xy, yy = float(moments[slot, 2]), float(moments[slot, 3]), float(moments[slot, 4])
-        half = 0.5 * (xx - yy)
-        root = math.sqrt(half * half + xy * xy)
-        ex, ey = half + root, xy
-        if half < 0:
-            ex, ey = xy, root - half
-        norm = math.hypot(ex, ey)
-        if norm > 0:
-            ex, ey = ex / norm, ey / norm
-        lines[slot, 0], lines[slot, 1] = ex, ey
-        lines[slot, 2] = EXTENT_SIGMAS * math.sqrt(max(0.5 * (xx + yy) + root, 0.0)) + MIN_EXTENT
+        lines[slot, 0], lines[slot, 1], lines[slot, 2] = _line(moments[slot, 2], moments[slot, 3], moments[slot, 4])
     return n_slots
+
+
+@kernel
+def find_lines(moments: NDArray[np.float32], lines: NDArray[np.float32]) -> None:
+    """The lines that `add_hit_points` keeps, worked out from the moments; to the last bit.
+
+    moments (n_slots, 5), lines (n_slots, 3)   [lines written]
+    """
+    for slot in range(moments.shape[0]):
+        lines[slot, 0], lines[slot, 1], lines[slot, 2] = _line(moments[slot, 2], moments[slot, 3], moments[slot, 4])
+
+
+@kernel
+def _line(cov_xx: np.float32, cov_xy: np.float32, cov_yy: np.float32) -> tuple[float, float, float]:
+    """Direction of the larger axis of a covariance, or zeros, and how far the points reach to either side, metres."""
+    xx, xy, yy = np.float64(cov_xx), np.float64(cov_xy), np.float64(cov_yy)
+    half = 0.5 * (xx - yy)
+    root = math.sqrt(half * half + xy * xy)
+    ex, ey = half + root, xy
+    if half < 0:
+        ex, ey = xy, root - half
+    norm = math.hypot(ex, ey)
+    if norm > 0:
+        ex, ey = ex / norm, ey / norm
+    return ex, ey, EXTENT_SIGMAS * math.sqrt(max(0.5 * (xx + yy) + root, 0.0)) + MIN_EXTENT

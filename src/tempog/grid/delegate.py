@@ -1,0 +1,81 @@
+"""A history that is answered by another one."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tempog.grid.history import CellPiece, History
+from tempog.grid.segments import Runs
+from tempog.sensing.tiles import TileIndex
+
+
+class Delegate(History):
+    """Answers what the history `_whole` answers, which may be another one from question to question."""
+
+    @property
+    @abstractmethod
+    def _whole(self) -> History: ...
+
+    @property
+    def tiles(self) -> TileIndex:  # type: ignore[override]
+        """Which tile holds which cells."""
+        return self._whole.tiles
+
+    @property
+    def stamps_ns(self) -> NDArray[np.int64]:
+        """``(n_scans,)`` stamp of each scan, ascending."""
+        return self._whole.stamps_ns
+
+    @property
+    def poses(self) -> NDArray[np.float64]:
+        """``(n_scans, 3)`` pose of the laser at each scan, map frame: x, y in metres, theta in radians."""
+        return self._whole.poses
+
+    @property
+    def first_scan(self) -> int:
+        """Number of the first scan of the period."""
+        return self._whole.first_scan
+
+    @property
+    def last_scan(self) -> int:
+        """Number of the last scan of the period."""
+        return self._whole.last_scan
+
+    @property
+    def n_scans(self) -> int:
+        """Scans in the period."""
+        return self._whole.n_scans
+
+    @property
+    def n_intervals(self) -> int:
+        """Intervals that were seen within the period."""
+        return self._whole.n_intervals
+
+    @property
+    def n_cells(self) -> int:
+        """Cells observed at least once within the period."""
+        return self._whole.n_cells
+
+    def runs(self) -> Iterator[Runs]:
+        """All intervals, in sets from oldest to newest."""
+        return self._whole.runs()
+
+    def runs_within(self, first_scan: int, last_scan: int) -> Iterator[Runs]:
+        """The intervals that the scans of a period saw, and others."""
+        return self._whole.runs_within(first_scan, last_scan)
+
+    def latest_runs(self, last_scan: int) -> Iterator[Runs]:
+        """Each cell's latest interval that began by a scan, and others."""
+        return self._whole.latest_runs(last_scan)
+
+    def runs_of_cells(self, first_cell: int, end_cell: int) -> Iterator[Runs]:
+        """The intervals of cells in a range of numbers, and others."""
+        return self._whole.runs_of_cells(first_cell, end_cell)
+
+    def runs_of_cell(self, cell: int) -> list[CellPiece]:
+        """First scans, last scans and values of one cell's intervals, in pieces in time order."""
+        return self._whole.runs_of_cell(cell)

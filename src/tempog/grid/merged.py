@@ -1,0 +1,186 @@
+"""Several histories as one: of robots that drove at the same time, of maps that are to be one, of chosen sessions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tempog.errors import ConfigError
+from tempog.grid.history import CellPiece, History
+from tempog.grid.overlay import overlay
+from tempog.grid.segments import Runs
+from tempog.sensing.surfaces import SurfaceMemory, pooled
+from tempog.sensing.tiles import TILE_CELLS, TileIndex
+
+
+class Merged(History):
+    """Histories of one site, put together scan by scan.
+
+    Where several say something about a cell at one time, the one that began to say it later is believed, until it
+    ends; see `overlay`.
+
+    Parameters
+    ----------
+    parts : sequence of History
+        Whole ones of one resolution, in one map frame.
+    kept : sequence of (n_scans,) bool, optional
+        For each part, which scans count. No interval of it may be of scans that count and scans that do not.
+        Default: all.
+
+    Raises
+    ------
+    ConfigError
+        Histories of different resolutions.
+    """
+
+    def __init__(self, parts: Sequence[History], kept: Sequence[NDArray[np.bool_]] | None = None) -> None:
+        self.config = parts[0].config
+        self._parts = list(parts)
+        spec = parts[0].tiles.spec
+        for part in parts:
+            if part.tiles.spec != spec:
+                raise ConfigError(
+                    f"maps of {spec.resolution_m:g} m and {part.tiles.spec.resolution_m:g} m cells cannot become one;"
+                    " map the logs again with one --resolution"
+                )
+        self._kept = list(kept) if kept is not None else [np.ones(len(p.stamps_ns), dtype=np.bool_) for p in parts]
+        self.tiles, self._tile_of = _union([part.tiles for part in parts])
+        stamps_ns = np.concatenate([part.stamps_ns[k] for part, k in zip(parts, self._kept, strict=True)])
+        self._order = np.argsort(stamps_ns, kind="stable")
+        self._stamps_ns = stamps_ns[self._order]
+        numbers = np.empty(len(stamps_ns), dtype=np.int32)
+        numbers[self._order] = np.arange(len(stamps_ns), dtype=np.int32)
+        ends = np.cumsum([int(np.count_nonzero(k)) for k in self._kept])
+        self._number_of = [np.full(len(k), -1, dtype=np.int32) for k in self._kept]
+        for number_of, k, mine in zip(self._number_of, self._kept, np.split(numbers, ends[:-1]), strict=True):
+            number_of[k] = mine
+        self._latest: tuple[object, Runs] | None = None
+
+    @property
+    def stamps_ns(self) -> NDArray[np.int64]:
+        """``(n_scans,)`` stamp of each scan, ascending."""
+        return self._stamps_ns
+
+    @cached_property
+    def poses(self) -> NDArray[np.float64]:
+        """``(n_scans, 3)`` pose of the laser at each scan, map frame: x, y in metres, theta in radians."""
+        poses = [part.poses[kept] for part, kept in zip(self._parts, self._kept, strict=True)]
+        return np.concatenate(poses)[self._order]
+
+    @cached_property
+    def surfaces(self) -> SurfaceMemory:
+        """Where inside each cell the hits fell: of all scans of the parts, those that do not count too."""
+        memories = []
+        for part, tile_of in zip(self._parts, self._tile_of, strict=True):
+            memory = getattr(part, "surfaces", None)
+            if memory is not None:
+                used = slice(0, memory.n_slots)
+                cells = _renumbered(memory.cell_of_slot[used], tile_of)
+                memories.append((cells, memory.hit_count[used], memory.moments[used]))
+        return pooled(self.tiles.n_cells, memories)
+
+    def runs(self) -> Iterator[Runs]:
+        """All intervals."""
+        return self.runs_within(0, len(self._stamps_ns) - 1)
+
+    def runs_within(self, first_scan: int, last_scan: int) -> Iterator[Runs]:
+        """The intervals that the scans of a period saw, and others."""
+        yield self._known(("within", first_scan, last_scan), lambda: self._overlaid_within(first_scan, last_scan))
+
+    def latest_runs(self, last_scan: int) -> Iterator[Runs]:
+        """Each cell's latest interval that began by a scan, and others."""
+        yield self._known(("latest", last_scan), lambda: self._overlaid_latest(last_scan))
+
+    def runs_of_cells(self, first_cell: int, end_cell: int) -> Iterator[Runs]:
+        """The intervals of cells in a range of numbers."""
+        sets = []
+        for part, (tiles, tile_of) in enumerate(zip([p.tiles for p in self._parts], self._tile_of, strict=True)):
+            cells = _renumbered(np.arange(tiles.n_cells, dtype=np.int32), tile_of)
+            mine = np.flatnonzero((cells >= first_cell) & (cells < end_cell))
+            if len(mine):
+                found = self._parts[part].runs_of_cells(int(mine[0]), int(mine[-1]) + 1)
+                sets += [(part, runs) for runs in found]
+        yield _within(self._overlaid(sets), first_cell, end_cell)
+
+    def runs_of_cell(self, cell: int) -> list[CellPiece]:
+        """First scans, last scans and values of one cell's intervals."""
+        (runs,) = self.runs_of_cells(cell, cell + 1)
+        return [(runs.first, runs.last, runs.value)]
+
+    def _overlaid_within(self, first_scan: int, last_scan: int) -> Runs:
+        sets = []
+        for part, number_of in enumerate(self._number_of):
+            mine = np.flatnonzero(number_of >= 0)
+            if len(mine):
+                # An interval may reach over the period though no scan of its part is in it.
+                since = max(int(np.searchsorted(number_of[mine], first_scan, side="right")) - 1, 0)
+                until = min(int(np.searchsorted(number_of[mine], last_scan, side="left")), len(mine) - 1)
+                sets += [(part, r) for r in self._parts[part].runs_within(int(mine[since]), int(mine[until]))]
+        return self._overlaid(sets)
+
+    def _overlaid_latest(self, last_scan: int) -> Runs:
+        sets = []
+        for part, number_of in enumerate(self._number_of):
+            mine = np.flatnonzero((number_of >= 0) & (number_of <= last_scan))
+            if len(mine):
+                until = int(mine[-1])
+                history, all_count = self._parts[part], len(mine) == until + 1
+                found = history.latest_runs(until) if all_count else history.runs_within(0, until)
+                sets += [(part, runs) for runs in found]
+        return self._overlaid(sets)
+
+    def _overlaid(self, sets: list[tuple[int, Runs]]) -> Runs:
+        """Intervals of several parts as one set, by the numbers of this history."""
+        columns = []
+        for part, runs in sets:
+            number_of = self._number_of[part]
+            first = number_of[runs.first]
+            kept = first >= 0
+            cell = _renumbered(runs.cell, self._tile_of[part])
+            last = number_of[runs.last]
+            which = np.full(len(cell), part, dtype=np.int32)
+            columns.append(tuple(column[kept] for column in (cell, first, last, runs.value, which)))
+        cell, first, last = (np.concatenate([np.empty(0, np.int32), *(c[k] for c in columns)]) for k in range(3))
+        value = np.concatenate([np.empty(0, np.float32), *(c[3] for c in columns)])
+        which = np.concatenate([np.empty(0, np.int32), *(c[4] for c in columns)])
+        order = np.lexsort((which, first, cell))
+        rows = (cell[order], first[order], last[order], value[order])
+        out_cell, out_first, out_last = np.empty((3, 2 * len(cell)), dtype=np.int32)
+        out_value = np.empty(2 * len(cell), dtype=np.float32)
+        tolerance = np.float32(self.config.grid.tolerance)
+        n = overlay(*rows, tolerance, out_cell, out_first, out_last, out_value)
+        return Runs.of(out_cell[:n].copy(), out_first[:n].copy(), out_last[:n].copy(), out_value[:n].copy())
+
+    def _known(self, key: object, make: Callable[[], Runs]) -> Runs:
+        if self._latest is None or self._latest[0] != key:
+            self._latest = (key, make())
+        return self._latest[1]
+
+
+def _union(indices: Sequence[TileIndex]) -> tuple[TileIndex, list[NDArray[np.int32]]]:
+    """All tiles of several indices, and for each index the new number of each of its tiles."""
+    rows = np.concatenate([tiles.tile_rows[: tiles.n_tiles] for tiles in indices])
+    cols = np.concatenate([tiles.tile_cols[: tiles.n_tiles] for tiles in indices])
+    _, at, which = np.unique(np.stack([rows, cols], axis=-1), axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(at)  # in the order they come, so that those of the first part keep their numbers
+    numbers = np.empty(len(at), dtype=np.int32)
+    numbers[order] = np.arange(len(at), dtype=np.int32)
+    at = at[order]
+    max_cells = max(tiles.max_cells for tiles in indices)
+    union = TileIndex.from_tiles(indices[0].spec, max_cells, rows[at], cols[at])
+    ends = np.cumsum([tiles.n_tiles for tiles in indices])
+    return union, np.split(numbers[which.reshape(-1)], ends[:-1])
+
+
+def _renumbered(cells: NDArray[np.int32], tile_of: NDArray[np.int32]) -> NDArray[np.int32]:
+    return (tile_of[cells // TILE_CELLS] * TILE_CELLS + cells % TILE_CELLS).astype(np.int32)
+
+
+def _within(runs: Runs, first_cell: int, end_cell: int) -> Runs:
+    since, until = np.searchsorted(runs.cells, [first_cell, end_cell])
+    begin, end = runs.offsets[since], runs.offsets[until]
+    offsets = runs.offsets[since : until + 1] - begin
+    return Runs(runs.cells[since:until], offsets, runs.first[begin:end], runs.last[begin:end], runs.value[begin:end])

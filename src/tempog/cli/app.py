@@ -8,7 +8,20 @@ from typing import Annotated
 import typer
 
 from tempog._version import __version__
-from tempog.cli import demo, evaluate, experiment, history, info, map_logs, objects, show, simulate
+from tempog.cli import (
+    compact,
+    demo,
+    evaluate,
+    experiment,
+    history,
+    info,
+    map_logs,
+    merge,
+    objects,
+    prune,
+    show,
+    simulate,
+)
 from tempog.errors import ConfigError, TempogError
 
 BAD_DATA, WRONG_USAGE = 1, 2
@@ -27,6 +40,9 @@ app.command("show")(show.show)
 # A coordinate such as -3.2 is not an option.
 app.command("history", context_settings={"ignore_unknown_options": True})(history.history)
 app.command("objects")(objects.objects)
+app.command("merge")(merge.merge)
+app.command("compact")(compact.compact)
+app.command("prune")(prune.prune)
 app.command("simulate")(simulate.simulate)
 app.command("evaluate")(evaluate.evaluate)
 app.command("experiment")(experiment.experiment)

@@ -256,7 +256,7 @@ def _fitting(config: MapConfig | None, manifest: Manifest, path: Path) -> MapCon
     of_map = MapConfig.from_dict(manifest.config)
     if config is None:
         return of_map
-    if manifest.sessions and config.grid.resolution_m != of_map.grid.resolution_m:
+    if manifest.segments and config.grid.resolution_m != of_map.grid.resolution_m:
         raise ConfigError(
             f"{path} has cells of {of_map.grid.resolution_m:g} m, and {config.grid.resolution_m:g} m were asked for;"
             " a map has one resolution: leave it out, or make another map"

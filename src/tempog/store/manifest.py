@@ -46,8 +46,6 @@ class Segment:
         Cells of the strand that were seen by the end of the segment: each has one interval that may go on.
     full : bool
         Whether the tables `open` and `surfaces` hold all cells, not only those that changed.
-    begins : int
-        Intervals that began before this scan count as begun by it: what was before is deleted.
     n_bytes : int
         Of its files.
     """
@@ -60,7 +58,6 @@ class Segment:
     n_intervals: int
     n_cells: int
     full: bool
-    begins: int
     n_bytes: int
 
     @property
@@ -289,7 +286,7 @@ def _from_format_1(root: Path, document: dict[str, Any]) -> Manifest:
         return Manifest(config)
     n_bytes = sum(file.stat().st_size for file in (root / name).iterdir())
     period = (_checked(document["start_ns"], int), _checked(document["stop_ns"], int))
-    segment = Segment(name, 0, n_scans, *period, n_intervals - n_cells, n_cells, True, 0, n_bytes)
+    segment = Segment(name, 0, n_scans, *period, n_intervals - n_cells, n_cells, True, n_bytes)
     return Manifest(config, [[segment]], [Session("1", "", 0, 0, n_scans, *period, config, sources)])
 
 

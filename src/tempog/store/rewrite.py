@@ -36,7 +36,7 @@ def contents_of(history: History, most_intervals: int = 2 * SEGMENT_INTERVALS) -
     if not len(history.stamps_ns):
         return
     runs, stamps_ns, poses = history.all_runs(), history.stamps_ns, history.poses
-    ended_at = _successors(runs)
+    ended_at = successors(runs)
     cell = runs.cell
     begin, n_changed = 0, 0
     for end in _cuts(ended_at, len(stamps_ns), most_intervals):
@@ -54,8 +54,8 @@ def contents_of(history: History, most_intervals: int = 2 * SEGMENT_INTERVALS) -
                 stamps_ns[begin:end],
                 poses[begin:end],
                 *(_tiles_of(history) if begin == 0 else (NO_TILES, NO_TILES)),
-                _chosen(runs, cell, ended),
-                _chosen(runs, cell, going_on if full else changed),
+                chosen(runs, cell, ended),
+                chosen(runs, cell, going_on if full else changed),
                 hits_of(_surfaces_of(history)) if is_last else NO_HITS,
                 full,
             ),
@@ -64,7 +64,7 @@ def contents_of(history: History, most_intervals: int = 2 * SEGMENT_INTERVALS) -
         begin = end
 
 
-def _successors(runs: Runs) -> NDArray[np.int32]:
+def successors(runs: Runs) -> NDArray[np.int32]:
     """For each interval the scan that began the cell's next one."""
     ended_at = np.full(runs.n_intervals, NO_SUCCESSOR, dtype=np.int32)
     ended_at[:-1] = runs.first[1:]
@@ -81,7 +81,8 @@ def _cuts(ended_at: NDArray[np.int32], n_scans: int, most_intervals: int) -> lis
     return sorted({*cuts[cuts < n_scans].tolist(), n_scans})
 
 
-def _chosen(runs: Runs, cell: NDArray[np.int32], which: NDArray[np.bool_]) -> Runs:
+def chosen(runs: Runs, cell: NDArray[np.int32], which: NDArray[np.bool_]) -> Runs:
+    """Some intervals of a set, given with the cell of each."""
     return Runs.of(cell[which], runs.first[which], runs.last[which], runs.value[which])
 
 

@@ -72,7 +72,7 @@ class Content(NamedTuple):
         return int(self.stamps_ns[-1])
 
 
-def write_segment(root: Path, content: Content, *, n_cells: int, begins: int = 0, level: int = ZSTD_LEVEL) -> Segment:
+def write_segment(root: Path, content: Content, *, n_cells: int, level: int = ZSTD_LEVEL) -> Segment:
     """Write a segment to a new folder, which counts only once map.json names it.
 
     Raises
@@ -101,7 +101,6 @@ def write_segment(root: Path, content: Content, *, n_cells: int, begins: int = 0
         content.sealed.n_intervals,
         n_cells,
         content.full,
-        begins,
         n_bytes,
     )
 
@@ -198,8 +197,6 @@ class SegmentFiles:
         steps = np.diff(cell)
         if np.any(steps < 0) or (len(cell) and cell[0] < 0):
             raise self._damaged(f"{table}.parquet is not sorted by cell")
-        if self.segment.begins:
-            first, last = np.maximum(first, self.segment.begins), np.maximum(last, self.segment.begins)
         return Runs.of(cell, first, last, columns["prob"])
 
     def _path(self, table: str) -> Path:

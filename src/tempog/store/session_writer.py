@@ -71,7 +71,7 @@ class SessionWriter:
             MapConfig.from_dict(session.config), scan_period_s=scan_period_s, state=_state(disk, session.first_scan)
         )
         session = replace(session, config=mapper.config.to_dict())
-        if not manifest.sessions:
+        if not manifest.segments:
             manifest.config = session.config
             disk.config = mapper.config
         self.live = LiveStrand(disk, mapper)

@@ -1,0 +1,76 @@
+"""``tempog prune``: delete old history for ever."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from typing import Annotated
+
+import typer
+
+from tempog.cli._maps import MapArgument, opened
+from tempog.cli._output import (
+    JsonFlag,
+    QuietFlag,
+    bytes_text,
+    count_text,
+    counted,
+    print_json,
+    status,
+    wants_progress,
+)
+from tempog.cli.show import MOMENT_HELP
+from tempog.errors import ConfigError
+from tempog.times import NS_PER_S, parse_duration
+
+
+def prune(
+    map_path: MapArgument,
+    keep: Annotated[
+        str | None, typer.Option(metavar="DURATION", help="How much stays, counted from the last scan: 30d, 24h.")
+    ] = None,
+    before: Annotated[
+        str | None, typer.Option(metavar="T", help=f"What ended before this moment goes: {MOMENT_HELP}.")
+    ] = None,
+    forget: Annotated[
+        bool, typer.Option("--forget", help="Also the last state of cells that were not seen since.")
+    ] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would go.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not ask.")] = False,
+    quiet: QuietFlag = False,
+    json: JsonFlag = False,
+) -> None:
+    """Delete old history of a map for ever, after saying what goes.
+
+    The last known state of each cell stays, however old, unless --forget is given: nothing vanishes from the map
+    because nobody looked.
+    """
+    if (keep is None) == (before is None):
+        raise ConfigError("give --keep DURATION or --before T: how much stays, or what goes")
+    duration_ns = round(parse_duration(keep) * NS_PER_S) if keep is not None else 0
+    if json and not (yes or dry_run):
+        raise ConfigError("--json asks nobody; add --yes to delete, or --dry-run to see what would go")
+    from tempog.store.upkeep import prune
+
+    saved = opened(map_path)
+    saved.require_scans()
+    before_ns = saved.parse_moment(before) if before is not None else int(saved.stamps_ns[-1]) - duration_ns
+    with status(f"reading {map_path}", wants_progress(quiet or json)):
+        gone = prune(map_path, before_ns, forget=forget, dry_run=True)
+    if not json:
+        kept = "are forgotten, too" if forget else "stay"
+        typer.echo(
+            f"{map_path}: {count_text(gone.n_intervals)} of {count_text(saved.n_intervals)} intervals and"
+            f" {count_text(gone.n_scans)} of {count_text(saved.n_scans)} scans, from before"
+            f" {saved.format_moment(before_ns)}, go for ever; the last states of"
+            f" {counted(gone.n_kept, 'cell', 'cells')} that nobody saw since {kept}."
+        )
+    if not dry_run and gone.n_scans:
+        if not yes and not (sys.stdin.isatty() and typer.confirm("Delete?")):
+            raise ConfigError("nothing was deleted; add --yes to delete without being asked")
+        with status(f"pruning {map_path}", wants_progress(quiet or json)):
+            gone = prune(map_path, before_ns, forget=forget)
+    if json:
+        print_json({"map": str(map_path), "deleted": not dry_run, **dataclasses.asdict(gone)})
+    elif gone.n_bytes is not None:
+        typer.echo(f"Deleted; {bytes_text(gone.n_bytes)} less.")

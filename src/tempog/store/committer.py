@@ -14,6 +14,7 @@ from typing import NamedTuple
 import pyarrow as pa
 
 from tempog.errors import MapError
+from tempog.grid.segments import Runs
 from tempog.store.journal import remove_journals
 from tempog.store.manifest import JOURNAL, Manifest, Segment, Session, write_manifest
 from tempog.store.segment_files import Content, SegmentFiles, joined, write_segment
@@ -25,10 +26,10 @@ GRACE_S = 600.0  # s; readers that opened the map before a merge may finish thei
 
 
 class Committed(NamedTuple):
-    """What a change came to: the strand's segments now, and the one that was added."""
+    """What a change came to: the strand's segments now, and those that were added with what ended in them."""
 
     segments: list[Segment]
-    added: Segment | None
+    added: list[tuple[Segment, Runs]]
 
 
 class Committer:
@@ -88,7 +89,7 @@ class Committer:
             raise MapError(f"{self.root}: the map could not be written: {error}") from error
 
     def _write(self) -> Committed:
-        segment = None
+        added = []
         while self._to_write:
             content, n_cells = self._to_write[0]
             merged_soon = self.at_once and content.sealed.n_intervals < SEGMENT_INTERVALS // FANOUT
@@ -113,8 +114,9 @@ class Committer:
                     shutil.rmtree(self.root / segment.name, ignore_errors=True)
                     raise
             self._to_write.popleft()
+            added.append((segment, content.sealed))
         self._merge_small()
-        return Committed(list(self._strand), segment)
+        return Committed(list(self._strand), added)
 
     def _name(self) -> Committed:
         sessions = [session for session in self.manifest.sessions if session.id != self.session.id]
@@ -123,7 +125,7 @@ class Committer:
         self._unnamed.clear()
         remove_journals(self.root / JOURNAL, self._strand[-1].end_scan if self._strand else 0)
         self._remove_retired()
-        return Committed(list(self._strand), None)
+        return Committed(list(self._strand), [])
 
     def _merge_small(self) -> None:
         """Make one of the latest segments where `FANOUT` of about one size follow each other."""

@@ -53,6 +53,7 @@ def contents_of(history: History, most_intervals: int = 2 * SEGMENT_INTERVALS) -
                 begin,
                 stamps_ns[begin:end],
                 poses[begin:end],
+                0,
                 *(_tiles_of(history) if begin == 0 else (NO_TILES, NO_TILES)),
                 chosen(runs, cell, ended),
                 chosen(runs, cell, going_on if full else changed),

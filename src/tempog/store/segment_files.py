@@ -7,7 +7,7 @@ import uuid
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -18,7 +18,7 @@ from tempog.grid.intervals import NEVER
 from tempog.grid.segments import Runs, join
 from tempog.sensing.surfaces import SurfaceMemory
 from tempog.store.manifest import SEGMENTS, Segment, damaged, is_format_1, read_document
-from tempog.store.tables import MOMENTS, TABLES, ZSTD_LEVEL, Columns, read_table, sync, write_table
+from tempog.store.tables import COUNTED, MOMENTS, TABLES, ZSTD_LEVEL, Columns, read_table, sync, write_table
 
 
 class Hits(NamedTuple):
@@ -45,8 +45,10 @@ class Content(NamedTuple):
     ----------
     first_scan : int
     stamps_ns, poses : (n_scans,), (n_scans, 3)
+    first_tile : int
+        Number of the first tile that these scans saw first.
     tile_rows, tile_cols : (n_tiles,) int32
-        Of the tiles these scans saw first.
+        Of these tiles.
     sealed : Runs
         Intervals that ended.
     open_runs : Runs
@@ -59,6 +61,7 @@ class Content(NamedTuple):
     first_scan: int
     stamps_ns: NDArray[np.int64]
     poses: NDArray[np.float64]
+    first_tile: int
     tile_rows: NDArray[np.int32]
     tile_cols: NDArray[np.int32]
     sealed: Runs
@@ -109,13 +112,22 @@ def _columns(content: Content) -> dict[str, Columns]:
     poses, hits = content.poses, content.hits
     by_cell = np.argsort(hits.cells)
     moments = {name: hits.moments[by_cell, k] for k, name in enumerate(MOMENTS)}
+    scans = {"stamp_ns": content.stamps_ns, "x": poses[:, 0], "y": poses[:, 1], "theta": poses[:, 2]}
     return {
-        "scans": {"stamp_ns": content.stamps_ns, "x": poses[:, 0], "y": poses[:, 1], "theta": poses[:, 2]},
-        "tiles": {"row": content.tile_rows, "col": content.tile_cols},
+        "scans": {"scan": _numbers(content.first_scan, content.stamps_ns), **scans},
+        "tiles": {
+            "tile": _numbers(content.first_tile, content.tile_rows),
+            "row": content.tile_rows,
+            "col": content.tile_cols,
+        },
         "intervals": _interval_columns(content.sealed),
         "open": _interval_columns(content.open_runs),
         "surfaces": {"cell": hits.cells[by_cell], "hits": hits.counts[by_cell], **moments},
     }
+
+
+def _numbers(first: int, rows: NDArray[Any]) -> NDArray[np.int32]:
+    return np.arange(first, first + len(rows), dtype=np.int32)
 
 
 def _interval_columns(runs: Runs) -> Columns:
@@ -178,15 +190,22 @@ class SegmentFiles:
 
     def content(self) -> Content:
         """All of it."""
-        rest = (*self.scans(), *self.tiles(), self.sealed(), self.open_runs(), self.hits())
-        return Content(self.segment.first_scan, *rest, self.segment.full)
+        first_scan, full = self.segment.first_scan, self.segment.full
+        intervals = self.sealed(), self.open_runs()
+        return Content(first_scan, *self.scans(), self._first_tile(), *self.tiles(), *intervals, self.hits(), full)
+
+    def _first_tile(self) -> int:
+        if self._format_1:
+            return 0
+        numbers = self._read("tiles", {"tile": TABLES["tiles"]["tile"]})["tile"]
+        return int(numbers[0]) if len(numbers) else 0
 
     @property
     def _format_1(self) -> bool:
         return is_format_1(self.segment.name)
 
     def _runs(self, table: str, cells: tuple[int, int] | None = None) -> Runs:
-        columns = self._read(table, cells)
+        columns = self._read(table, cells=cells)
         cell, first, span = columns["cell"], columns["first_scan"], columns["span"]
         last = first + span
         scans = (-1, self.segment.end_scan) if table == "intervals" else (-1, 2**31 - 1)
@@ -202,9 +221,13 @@ class SegmentFiles:
     def _path(self, table: str) -> Path:
         return self.root / self.segment.name / f"{table}.parquet"
 
-    def _read(self, table: str, cells: tuple[int, int] | None = None) -> Columns:
+    def _read(
+        self, table: str, wanted: dict[str, Any] | None = None, cells: tuple[int, int] | None = None
+    ) -> Columns:
+        if wanted is None:
+            wanted = {name: kind for name, kind in TABLES[table].items() if name not in COUNTED}
         try:
-            return read_table(self._path(table), TABLES[table], cells)
+            return read_table(self._path(table), wanted, cells)
         except (OSError, pa.ArrowException, KeyError, ValueError) as error:
             raise self._damaged(f"{table}.parquet: {error}") from error
 
@@ -261,6 +284,7 @@ def joined(contents: Sequence[Content]) -> Content:
         contents[0].first_scan,
         np.concatenate([one.stamps_ns for one in contents]),
         np.concatenate([one.poses for one in contents]),
+        next((one.first_tile for one in contents if len(one.tile_rows)), 0),
         np.concatenate([one.tile_rows for one in contents]),
         np.concatenate([one.tile_cols for one in contents]),
         join([one.sealed for one in contents]),

@@ -12,7 +12,6 @@ from pathlib import Path
 from tempog.config import MapConfig
 from tempog.errors import MapError
 from tempog.grid.mapper import Mapper, MapState
-from tempog.grid.segments import Runs, join
 from tempog.scans.scan import Scan
 from tempog.store.committer import Committed, Committer
 from tempog.store.journal import JournalWriter, remove_journals
@@ -80,7 +79,7 @@ class SessionWriter:
         self._flushed_ns = self._synced_ns = session.stop_ns
         self._n_changed = 0  # open intervals written since the last time that all were
         self._digest = hashlib.sha256()
-        self._futures: deque[tuple[Future[Committed], Runs]] = deque()
+        self._futures: deque[Future[Committed]] = deque()
         self._committer = Committer(root, manifest, session, at_once)
         self._journal = self._new_journal() if journal else None
 
@@ -111,7 +110,7 @@ class SessionWriter:
         """Commit what was mapped, and wait until that is done."""
         self._submit()
         if not self._futures:
-            self._futures.append((self._committer.retry(), join([])))
+            self._futures.append(self._committer.retry())
         self.collect(wait=True)
 
     def close(self) -> None:
@@ -134,13 +133,13 @@ class SessionWriter:
 
     def collect(self, wait: bool = False) -> None:
         """Take note of the commits that are done; MapError if one failed, which is tried again with the next."""
-        while self._futures and (wait or self._futures[0][0].done()):
-            future, sealed = self._futures.popleft()
-            segments, added = future.result()
+        while self._futures and (wait or self._futures[0].done()):
+            segments, added = self._futures.popleft().result()
             disk = self.live.disk
             disk.replace_segments(segments)
-            if added in segments:
-                disk.hold(added, sealed)
+            for segment, sealed in added:
+                if segment in segments:
+                    disk.hold(segment, sealed)
             end = segments[-1].end_scan if segments else 0
             self.live.pending = [one for one in self.live.pending if one.end_scan > end]
             self.live.mapper.forget_scans(end)
@@ -169,7 +168,7 @@ class SessionWriter:
         content, n_cells = self._taken()
         self._flushed_ns = content.stop_ns
         self.live.disk.held_since_ns = max(-MAX_NS, self._flushed_ns - self._window_ns)
-        self._futures.append((self._committer.add(content, n_cells), content.sealed))
+        self._futures.append(self._committer.add(content, n_cells))
 
     def _taken(self) -> tuple[Content, int]:
         """What changed since the last commit, and how many cells were seen until now."""
@@ -187,6 +186,7 @@ class SessionWriter:
             self._flushed_scan,
             mapper.stamps_ns[new].copy(),
             mapper.poses[new].copy(),
+            self._flushed_tiles,
             tiles.tile_rows[new_tiles].copy(),
             tiles.tile_cols[new_tiles].copy(),
             self.live.take_fresh(),

@@ -2,8 +2,8 @@
 
 | table | one row per | columns |
 | --- | --- | --- |
-| scans | scan, in time order | stamp_ns int64, x, y (m), theta (rad) of the laser |
-| tiles | tile of 8 x 8 cells that was seen first, in the order of their numbers | row, col int32, in tiles |
+| scans | scan, in time order | scan int32, stamp_ns int64, x, y (m), theta (rad) of the laser |
+| tiles | tile of 8 x 8 cells that was seen first, in the order of their numbers | tile, row, col int32, in tiles |
 | intervals | interval that ended, by cell, then time | cell, first_scan, span int32, prob float32 |
 | open | cell that was seen, with the interval that may go on | as intervals |
 | surfaces | cell that was hit | cell, hits int32, five moments float32 |
@@ -30,15 +30,24 @@ Columns = dict[str, NDArray[Any]]
 MOMENTS = ("mean_x", "mean_y", "cov_xx", "cov_xy", "cov_yy")
 INTERVALS = {"cell": pa.int32(), "first_scan": pa.int32(), "span": pa.int32(), "prob": pa.float32()}
 TABLES = {
-    "scans": {"stamp_ns": pa.int64(), "x": pa.float64(), "y": pa.float64(), "theta": pa.float64()},
-    "tiles": {"row": pa.int32(), "col": pa.int32()},
+    "scans": {
+        "scan": pa.int32(),
+        "stamp_ns": pa.int64(),
+        "x": pa.float64(),
+        "y": pa.float64(),
+        "theta": pa.float64(),
+    },
+    "tiles": {"tile": pa.int32(), "row": pa.int32(), "col": pa.int32()},
     "intervals": INTERVALS,
     "open": INTERVALS,
     "surfaces": {"cell": pa.int32(), "hits": pa.int32()} | dict.fromkeys(MOMENTS, pa.float32()),
 }
+COUNTED = {"scan", "tile"}  # for other engines: they follow from where a row is, and maps of format 1 lack them
 # What repeats between cells that change together compresses best: starts and lengths as bytes apart.
 ENCODINGS = {
+    "scan": "DELTA_BINARY_PACKED",
     "stamp_ns": "DELTA_BINARY_PACKED",
+    "tile": "DELTA_BINARY_PACKED",
     "row": "DELTA_BINARY_PACKED",
     "col": "DELTA_BINARY_PACKED",
     "cell": "DELTA_BINARY_PACKED",

@@ -176,6 +176,11 @@ class LiveMap(Delegate):
             self._writer = self._begun(scan.stamp_ns)
         self._writer.integrate(scan)
 
+    def integrate_many(self, scans: Iterable[Scan]) -> None:
+        """Add scans in order, as `integrate` one by one."""
+        for scan in scans:
+            self.integrate(scan)
+
     def flush(self) -> None:
         """Commit what was mapped, and wait until that is done; MapError if it cannot be."""
         if self._writer is not None and not self._closed:

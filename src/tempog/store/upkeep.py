@@ -293,7 +293,7 @@ def _copy(root: Path, manifest: Manifest, folder: Path, merged: Manifest) -> Non
 
 @contextmanager
 def _changed(root: Path, dry_run: bool = False) -> Iterator[Manifest]:
-    """What map.json says, to be changed; if nothing fails, the change counts, and files it left behind are deleted."""
+    """What map.json says, to be changed. If nothing fails the change counts, and what it left behind is deleted."""
     read_manifest(root)
     with only_writer(root):
         repair(root)

@@ -9,9 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from hypothesis import strategies as st
 
+from tempog.grid.segments import Runs
 from tempog.scans.scan import Scan
 
 N_SCANS = 12
+SOME_CELL = st.integers(0, 40) | st.integers(0, 3000)
+LARGEST_SCAN = 2**31 - 1
 
 
 def flaser(i: int, n_beams: int = 5, name: str = "FLASER") -> str:
@@ -250,3 +253,29 @@ def odd_scans(draw: st.DrawFn, max_scans: int = 1, max_beams: int = 12) -> list[
         ranges = draw(odd_ranges(n_beams))
         scans.append(Scan(t, draw(odd_poses(origin)), angles, ranges, sensor_max))
     return scans
+
+
+@st.composite
+def runs_of_cells(draw: st.DrawFn) -> Runs:
+    """Cells that have much in common, and something of their own; values that compare strangely, too."""
+    values = st.sampled_from([0.1, 0.9, 0.5, -0.0, 0.0, float("nan")])
+    common = draw(st.lists(st.tuples(st.integers(0, 30), st.integers(0, 3), values), max_size=6))
+    own = st.tuples(st.integers(0, 30) | st.integers(0, LARGEST_SCAN), st.integers(0, 50), values)
+    cells, offsets, intervals = [], [0], []
+    for cell in sorted(draw(st.sets(SOME_CELL, max_size=25))):
+        looks = draw(st.lists(st.sampled_from(common) | own if common else own, min_size=1, max_size=5))
+        ends = -1
+        for first, span, value in sorted(looks, key=lambda look: look[0]):
+            if first > ends:
+                ends = min(first + span, LARGEST_SCAN)
+                intervals.append((first, ends, value))
+        cells.append(cell)
+        offsets.append(len(intervals))
+    first, last, value = zip(*intervals, strict=True) if intervals else ((), (), ())
+    return Runs(
+        np.array(cells, np.int32),
+        np.array(offsets, np.int64),
+        np.array(first, np.int32),
+        np.array(last, np.int32),
+        np.array(value, np.float32),
+    )

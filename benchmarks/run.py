@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import breakdown
+import compression
 import flatness
 import ingest
 import logs
@@ -29,6 +30,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "flatness": flatness.run,
     "queries": queries.run,
     "sizes": sizes.run,
+    "compression": compression.run,
     "startup": startup.run,
     "simulate": simulate.run,
     "objects": objects.run,

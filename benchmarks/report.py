@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 HEADER = ("what", "tempog", "peer", "ratio or value", "target", "")
-PACKAGES = ("numpy", "numba", "pyoctomap", "duckdb", "pyarrow")
+PACKAGES = ("numpy", "numba", "pyoctomap", "duckdb", "pyarrow", "deltalake", "mcap", "polars")
 
 
 @dataclass(frozen=True)

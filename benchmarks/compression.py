@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from ingest import integrate
+from interval_rows import BLOCK_BITS, DICTIONARY, ENCODINGS, from_rows, to_rows
 from measure import interleave, median, timed
 from numpy.typing import NDArray
 from report import Row, Section
@@ -19,7 +20,6 @@ from tempog import build_grid, find_objects
 from tempog.grid.segments import Runs
 from tempog.sensing.tiles import TILE_CELLS
 from tempog.simulation import load_world, simulate
-from tempog.store.interval_rows import BLOCK_BITS, DICTIONARY, ENCODINGS, from_rows, to_rows
 from tempog.store.references import Encoded, decode, encode
 
 WORLDS = (("hallway", 0), ("hallway", 20), ("office", 0), ("office", 20))  # and how many people

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Annotated
 
 import typer
 
@@ -10,12 +11,19 @@ from tempog.cli._maps import MapArgument
 from tempog.cli._output import JsonFlag, QuietFlag, bytes_text, counted, print_json, status, wants_progress
 
 
-def compact(map_path: MapArgument, quiet: QuietFlag = False, json: JsonFlag = False) -> None:
+def compact(
+    map_path: MapArgument,
+    by_reference: Annotated[
+        bool, typer.Option("--by-reference", help="Keep what cells of an object share once; hardly ever smaller.")
+    ] = False,
+    quiet: QuietFlag = False,
+    json: JsonFlag = False,
+) -> None:
     """Write a map anew in few files; it answers as before."""
     from tempog.store.upkeep import compact
 
     with status(f"compacting {map_path}", wants_progress(quiet or json)):
-        done = compact(map_path)
+        done = compact(map_path, by_reference=by_reference)
     if json:
         print_json({"map": str(map_path), **dataclasses.asdict(done)})
         return

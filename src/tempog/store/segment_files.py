@@ -18,7 +18,21 @@ from tempog.grid.intervals import NEVER
 from tempog.grid.segments import Runs, join
 from tempog.sensing.surfaces import SurfaceMemory
 from tempog.store.manifest import SEGMENTS, Segment, damaged, is_format_1, read_document
-from tempog.store.tables import COUNTED, MOMENTS, TABLES, ZSTD_LEVEL, Columns, read_table, sync, write_table
+from tempog.store.references import Encoded, decode, encode
+from tempog.store.tables import (
+    COUNTED,
+    MASKS,
+    MOMENTS,
+    REFERENCES,
+    TABLES,
+    ZSTD_LEVEL,
+    Columns,
+    masks_of,
+    read_masks,
+    read_table,
+    sync,
+    write_table,
+)
 
 
 class Hits(NamedTuple):
@@ -75,8 +89,17 @@ class Content(NamedTuple):
         return int(self.stamps_ns[-1])
 
 
-def write_segment(root: Path, content: Content, *, n_cells: int, level: int = ZSTD_LEVEL) -> Segment:
+def write_segment(
+    root: Path,
+    content: Content,
+    *,
+    n_cells: int,
+    level: int = ZSTD_LEVEL,
+    groups: Sequence[NDArray[np.int32]] = (),
+) -> Segment:
     """Write a segment to a new folder, which counts only once map.json names it.
+
+    Intervals that cells of a group share are written once, by reference (paper, V.A).
 
     Raises
     ------
@@ -87,7 +110,7 @@ def write_segment(root: Path, content: Content, *, n_cells: int, level: int = ZS
     folder = root / name
     try:
         folder.mkdir(parents=True)
-        for table, columns in _columns(content).items():
+        for table, columns in _columns(content, groups).items():
             write_table(folder / f"{table}.parquet", columns, level)
         sync(folder)
         sync(folder.parent)
@@ -108,7 +131,7 @@ def write_segment(root: Path, content: Content, *, n_cells: int, level: int = ZS
     )
 
 
-def _columns(content: Content) -> dict[str, Columns]:
+def _columns(content: Content, groups: Sequence[NDArray[np.int32]]) -> dict[str, Columns]:
     poses, hits = content.poses, content.hits
     by_cell = np.argsort(hits.cells)
     moments = {name: hits.moments[by_cell, k] for k, name in enumerate(MOMENTS)}
@@ -120,9 +143,24 @@ def _columns(content: Content) -> dict[str, Columns]:
             "row": content.tile_rows,
             "col": content.tile_cols,
         },
-        "intervals": _interval_columns(content.sealed),
+        **(
+            _referring_columns(content.sealed, groups) if groups else {"intervals": _interval_columns(content.sealed)}
+        ),
         "open": _interval_columns(content.open_runs),
         "surfaces": {"cell": hits.cells[by_cell], "hits": hits.counts[by_cell], **moments},
+    }
+
+
+def _referring_columns(runs: Runs, groups: Sequence[NDArray[np.int32]]) -> dict[str, Columns]:
+    encoded = encode(runs, groups)
+    span = encoded.entry_last - encoded.entry_first
+    timelines = {"group": encoded.entry_group, "first_scan": encoded.entry_first, "span": span}
+    n_bytes = -(-np.bincount(encoded.member_group)[encoded.entry_group] // 8)
+    rest = Runs.of(encoded.cell, encoded.first, encoded.last, encoded.value)
+    return {
+        "intervals": _interval_columns(rest),
+        "members": {"cell": encoded.member, "group": encoded.member_group},
+        "timelines": timelines | {"prob": encoded.entry_value, MASKS: masks_of(encoded.entry_members, n_bytes)},
     }
 
 
@@ -165,6 +203,8 @@ class SegmentFiles:
     def sealed(self, cells: tuple[int, int] | None = None) -> Runs:
         """Intervals that ended; of a range of cells, or a little more, or of all."""
         runs = self._runs("intervals", cells)
+        if self._path("members").is_file():
+            return self._with_shared(runs)
         if not self._format_1:
             return runs
         going_on = np.zeros(runs.n_intervals, dtype=np.bool_)
@@ -193,6 +233,21 @@ class SegmentFiles:
         first_scan, full = self.segment.first_scan, self.segment.full
         intervals = self.sealed(), self.open_runs()
         return Content(first_scan, *self.scans(), self._first_tile(), *self.tiles(), *intervals, self.hits(), full)
+
+    def _with_shared(self, rest: Runs) -> Runs:
+        """Intervals with those that are kept by reference; of members, all of these."""
+        members, shared = (
+            self._read("members", REFERENCES["members"]),
+            self._read("timelines", REFERENCES["timelines"]),
+        )
+        first, last = shared["first_scan"], shared["first_scan"] + shared["span"]
+        try:
+            masks = read_masks(self._path("timelines"))
+            entries = shared["group"], first, last, shared["prob"]
+            runs = decode(Encoded(rest.cell, *rest[2:], members["cell"], members["group"], *entries, masks))
+        except (OSError, pa.ArrowException, KeyError, ValueError, IndexError) as error:
+            raise self._damaged(f"timelines.parquet: {error}") from error
+        return Runs(runs.cells.astype(np.int32), runs.offsets.astype(np.int64), *runs[2:])
 
     def _first_tile(self) -> int:
         if self._format_1:

@@ -3,13 +3,16 @@
 | table | one row per | columns |
 | --- | --- | --- |
 | scans | scan, in time order | scan int32, stamp_ns int64, x, y (m), theta (rad) of the laser |
-| tiles | tile of 8 x 8 cells that was seen first, in the order of their numbers | tile, row, col int32, in tiles |
+| tiles | tile of 8 x 8 cells that was seen first, by number | tile, row, col int32, in tiles |
 | intervals | interval that ended, by cell, then time | cell, first_scan, span int32, prob float32 |
 | open | cell that was seen, with the interval that may go on | as intervals |
 | surfaces | cell that was hit | cell, hits int32, five moments float32 |
+| members | cell of an object, if its intervals are kept by reference | cell, group int32 |
+| timelines | interval that cells of a group share | group, first_scan, span int32, prob float32, cells binary |
 
 A cell's number is ``tile * 64 + (row % 8) * 8 + col % 8``; an interval was first seen by scan `first_scan`
-and last by scan ``first_scan + span``. Moments are metres and square metres, from the cell's centre.
+and last by scan ``first_scan + span``. Moments are metres and square metres, from the cell's centre. `cells` has a bit
+for each member of the group, in the order of `members`, lowest first: whether the cell has the interval.
 """
 
 from __future__ import annotations
@@ -42,6 +45,11 @@ TABLES = {
     "open": INTERVALS,
     "surfaces": {"cell": pa.int32(), "hits": pa.int32()} | dict.fromkeys(MOMENTS, pa.float32()),
 }
+REFERENCES = {
+    "members": {"cell": pa.int32(), "group": pa.int32()},
+    "timelines": {"group": pa.int32(), "first_scan": pa.int32(), "span": pa.int32(), "prob": pa.float32()},
+}
+MASKS = "cells"  # the one column that holds no numbers
 COUNTED = {"scan", "tile"}  # for other engines: they follow from where a row is, and maps of format 1 lack them
 # What repeats between cells that change together compresses best: starts and lengths as bytes apart.
 ENCODINGS = {
@@ -62,7 +70,9 @@ QUICK_ZSTD_LEVEL = 1  # for what is merged with others soon
 
 def write_table(path: Path, columns: Mapping[str, NDArray[Any]], level: int = ZSTD_LEVEL) -> None:
     """Write a table and have it on the disk when this returns."""
-    table = pa.table({name: np.ascontiguousarray(values) for name, values in columns.items()})
+    table = pa.table(
+        {name: values if name == MASKS else np.ascontiguousarray(values) for name, values in columns.items()}
+    )
     pq.write_table(
         table,
         path,
@@ -89,6 +99,20 @@ def read_table(path: Path, wanted: Mapping[str, Any], cells: tuple[int, int] | N
         groups = [g for g in range(file.num_row_groups) if cells is None or _may_hold(file, g, cells)]
         table = file.read_row_groups(groups, columns=list(wanted))
         return {name: _numbers(table.column(name), kind) for name, kind in wanted.items()}
+
+
+def masks_of(packed: NDArray[np.uint8], n_bytes: NDArray[np.int64]) -> Any:
+    """Bytes as a column of byte strings, of so many bytes each."""
+    offsets = np.append(0, np.cumsum(n_bytes)).astype(np.int32)
+    return pa.Array.from_buffers(
+        pa.binary(), len(n_bytes), [None, pa.py_buffer(offsets), pa.py_buffer(np.ascontiguousarray(packed))]
+    )
+
+
+def read_masks(path: Path) -> NDArray[np.uint8]:
+    """The bytes of a table's byte strings, one after the other; raises what `read_table` raises."""
+    column = pq.read_table(path, columns=[MASKS], page_checksum_verification=True).column(MASKS)
+    return np.frombuffer(b"".join(column.cast(pa.binary()).to_pylist()), dtype=np.uint8)
 
 
 def sync(path: Path) -> None:

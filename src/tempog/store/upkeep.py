@@ -15,6 +15,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from tempog.analysis.find_objects import find_objects
+from tempog.config import MapConfig
 from tempog.errors import ConfigError, MapError
 from tempog.grid.segments import Runs, join
 from tempog.store.committer import FANOUT, SEGMENT_INTERVALS, merge_segments
@@ -32,6 +34,7 @@ from tempog.store.repair import repair
 from tempog.store.rewrite import NO_SUCCESSOR, chosen, successors
 from tempog.store.saved_map import clear_other_files, new_map
 from tempog.store.segment_files import Content, SegmentFiles, joined, write_segment
+from tempog.store.strand import Strand
 
 
 @dataclass(frozen=True)
@@ -44,10 +47,18 @@ class Compacted:
     n_bytes: int
 
 
-def compact(path: str | os.PathLike[str]) -> Compacted:
+def compact(path: str | os.PathLike[str], *, by_reference: bool = False) -> Compacted:
     """Write the segments of a map anew as few large ones, and delete what it does not need any more.
 
     It answers as before. Readers that have it open must open it again.
+
+    Parameters
+    ----------
+    path : path
+    by_reference : bool
+        Keep intervals that cells of an object share once (paper, V.A), with the objects that `find_objects` finds.
+        Other programs then do not find all intervals in the tables of that name. It does not pay: see
+        docs/storage.md.
 
     Raises
     ------
@@ -61,7 +72,19 @@ def compact(path: str | os.PathLike[str]) -> Compacted:
             strand[:] = [
                 merge_segments(root, group) if _worth_writing(group) else group[0] for group in _groups(strand)
             ]
+            if by_reference and strand:
+                strand[:] = _referring(root, strand, MapConfig.from_dict(manifest.config))
     return Compacted(before[1], len(manifest.segments), before[0], _size(root))
+
+
+def _referring(root: Path, strand: list[Segment], config: MapConfig) -> list[Segment]:
+    history = Strand(root, strand, config)
+    places = [place for one in find_objects(history).objects for place in one.configurations]
+    groups = [history.tiles.cell_numbers(*place.cells.T) for place in places]
+    return [
+        write_segment(root, SegmentFiles(root, segment).content(), n_cells=segment.n_cells, groups=groups)
+        for segment in strand
+    ]
 
 
 @dataclass(frozen=True)

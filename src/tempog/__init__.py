@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from tempog.analysis.find_objects import FoundObjects, find_objects
     from tempog.analysis.growing import EvidenceAnalysis
     from tempog.analysis.high_dynamic import HighDynamic, high_dynamic, high_dynamics
+    from tempog.analysis.map_diff import MapDiff, map_diff
     from tempog.analysis.objects import MovingObject, associate
     from tempog.analysis.occupancy import occupancy_grid
     from tempog.analysis.pose_consistency import PoseConsistency, pose_consistency
@@ -50,6 +51,7 @@ _HOMES = {
     "tempog.analysis.find_objects": ["FoundObjects", "find_objects"],
     "tempog.analysis.growing": ["EvidenceAnalysis"],
     "tempog.analysis.high_dynamic": ["HighDynamic", "high_dynamic", "high_dynamics"],
+    "tempog.analysis.map_diff": ["MapDiff", "map_diff"],
     "tempog.analysis.objects": ["MovingObject", "associate"],
     "tempog.analysis.occupancy": ["occupancy_grid"],
     "tempog.analysis.pose_consistency": ["PoseConsistency", "pose_consistency"],
@@ -96,6 +98,7 @@ __all__ = [
     "History",
     "LiveMap",
     "MapConfig",
+    "MapDiff",
     "MapError",
     "MovingObject",
     "ObjectTracker",
@@ -121,6 +124,7 @@ __all__ = [
     "find_objects",
     "high_dynamic",
     "high_dynamics",
+    "map_diff",
     "map_dynamics",
     "occupancy_grid",
     "open_map",

@@ -246,3 +246,9 @@ METHODS: dict[Method, PaperConfig | EvidenceConfig] = {
 
 # What a map should be made with for each method: the paper's algorithms get the paper's evidence.
 SENSING: dict[Method, Evidence] = {"evidence": "surface", "paper": "literal", "paper-tuned": "surface"}
+
+# What counts as a change between two moments, see `tempog.map_diff`.
+FOR_S = 20.0  # people in the simulated worlds pause for 8 s in the mean: one pause of twelve lasts longer than this
+SMALLEST_M = 0.3  # a chair's leg is smaller; the side of a chair is not
+JOIN_M = 0.2  # over the gaps between sparse hits, and from one face of a thing to the other
+SURFACE_M = 0.25  # poses of different passes disagree by a decimetre or two in most logs: `EvidenceConfig.echo_m`

@@ -38,17 +38,19 @@ def objects_document(
         "resolution_m": resolution_m,
         "start_s": start_ns / NS_PER_S,
         "stop_s": stop_ns / NS_PER_S,
-        "static": _points(static_points_map),
-        "uncertain": _points(uncertain_points_map),
+        "static": points_entry(static_points_map),
+        "uncertain": points_entry(uncertain_points_map),
         "objects": [_object(one) for one in objects],
         "unassociated": [_configuration(place) for place in unassociated],
         "high_dynamic": [
-            {"t": measured.stamp_ns / NS_PER_S, "cells": _points(measured.points_map)} for measured in high_dynamic
+            {"t": measured.stamp_ns / NS_PER_S, "cells": points_entry(measured.points_map)}
+            for measured in high_dynamic
         ],
     }
 
 
-def _points(points_map: NDArray[np.float64]) -> list[list[float]]:
+def points_entry(points_map: NDArray[np.float64]) -> list[list[float]]:
+    """Cells' centres as a document has them."""
     points: list[list[float]] = points_map.round(6).tolist()  # micrometres: no digits that only binary fractions have
     return points
 
@@ -56,7 +58,7 @@ def _points(points_map: NDArray[np.float64]) -> list[list[float]]:
 def _configuration(place: Configuration) -> dict[str, Any]:
     return {
         "id": place.id,
-        "cells": _points(place.points_map),
+        "cells": points_entry(place.points_map),
         "periods": [[start / NS_PER_S, stop / NS_PER_S, state] for start, stop, state in place.periods],
         "confidence": None,
         "hypothesis": place.hypothesis,

@@ -11,6 +11,7 @@ from tempog._version import __version__
 from tempog.cli import (
     compact,
     demo,
+    diff,
     evaluate,
     experiment,
     history,
@@ -43,6 +44,7 @@ app.command("objects")(objects.objects)
 app.command("merge")(merge.merge)
 app.command("compact")(compact.compact)
 app.command("prune")(prune.prune)
+app.command("diff")(diff.diff)
 app.command("simulate")(simulate.simulate)
 app.command("evaluate")(evaluate.evaluate)
 app.command("experiment")(experiment.experiment)

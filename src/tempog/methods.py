@@ -248,7 +248,7 @@ METHODS: dict[Method, PaperConfig | EvidenceConfig] = {
 SENSING: dict[Method, Evidence] = {"evidence": "surface", "paper": "literal", "paper-tuned": "surface"}
 
 # What counts as a change between two moments, see `tempog.map_diff`.
-FOR_S = 20.0  # people in the simulated worlds pause for 8 s in the mean: one pause of twelve lasts longer than this
+FOR_S = 20.0  # people in the simulated worlds pause for 8 s in the mean: one pause of twelve lasts longer
 SMALLEST_M = 0.3  # a chair's leg is smaller; the side of a chair is not
 JOIN_M = 0.2  # over the gaps between sparse hits, and from one face of a thing to the other
 SURFACE_M = 0.25  # poses of different passes disagree by a decimetre or two in most logs: `EvidenceConfig.echo_m`

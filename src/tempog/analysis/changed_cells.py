@@ -15,6 +15,7 @@ from tempog.methods import EvidenceConfig
 from tempog.times import NS_PER_S
 
 CELLS_AT_A_TIME = 2**16  # whose courses are in memory at once
+BREAK_S = 5.0  # after a longer time without a look the robot has driven on, or turned: somebody else may stand there
 
 
 class Looks(NamedTuple):
@@ -59,10 +60,10 @@ class ChangedCells(NamedTuple):
         Until just before when it was seen in its old state, and from when on in the new one.
     age_before_s, age_after_s : (n,) float32
         How long before each moment it was looked at last.
-    held_s, seen_s : (n,) float64
-        From the first look to the last for which it was occupied without a look that speaks against it, before the
-        first moment and after the second one too; and the shorter of the times for which it was looked at in either
-        state.
+    watched_s, seen_s : (n,) float64
+        For how long it was watched while occupied, before the first moment and after the second one too, as long as
+        no look speaks against it; and the shorter of the times for which it was seen in either state. Breaks of up to
+        `BREAK_S` count for the first.
     """
 
     cells: NDArray[np.int32]
@@ -71,7 +72,7 @@ class ChangedCells(NamedTuple):
     first_after_ns: NDArray[np.int64]
     age_before_s: NDArray[np.float32]
     age_after_s: NDArray[np.float32]
-    held_s: NDArray[np.float64]
+    watched_s: NDArray[np.float64]
     seen_s: NDArray[np.float64]
 
     def chosen(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> ChangedCells:
@@ -85,15 +86,12 @@ def looks_at(history: History, before_ns: int, after_ns: int, hold_s: float) -> 
     value_before, value_after, age_before_s, age_after_s = (
         history.tiles.from_dense(values) for values in (before.value, after.value, before.age_s, after.age_s)
     )
-    stamps = history.stamps_ns
-    last_scan = max(int(np.searchsorted(stamps, before_ns, side="right")) - 1, 0)
-    # Ages are kept in 32 bits, and so must be what they are compared with.
-    since_s = np.float32((after_ns - int(stamps[last_scan])) / NS_PER_S)
+    between_s = np.float32((after_ns - before_ns) / NS_PER_S)  # ages are kept in 32 bits, too
     with np.errstate(invalid="ignore"):
         return Looks(
             known_before=~np.isnan(value_before),
             known_after=~np.isnan(value_after),
-            seen_again=age_after_s < since_s,
+            seen_again=age_after_s < between_s,
             taken_before=value_before > OCCUPIED_ABOVE,
             taken_after=value_after > OCCUPIED_ABOVE,
             age_before_s=age_before_s,
@@ -124,8 +122,12 @@ def _changed(
     begins = np.append(True, (np.diff(state.astype(np.int8)) != 0) | (np.diff(owner) != 0))[: len(owner)]
     run = np.cumsum(begins) - 1
     first = np.flatnonzero(begins)
-    last = np.append(first[1:], len(owner))[: len(first)] - 1
-    seen_s = np.bincount(run, weights=(stop_ns - start_ns) / NS_PER_S, minlength=len(first))
+    lasted_s = (stop_ns - start_ns) / NS_PER_S
+    break_s = np.append(0.0, (start_ns[1:] - stop_ns[:-1]) / NS_PER_S)[: len(owner)]
+    break_s[begins | (break_s > BREAK_S)] = 0.0
+    seen_s, watched_s = (
+        np.bincount(run, weights=seconds, minlength=len(first)) for seconds in (lasted_s, lasted_s + break_s)
+    )
     runs = [
         run[offsets[:-1] + np.bincount(owner[start_ns <= moment_ns], minlength=len(numbers)) - 1]
         for moment_ns in (before_ns, after_ns)
@@ -141,6 +143,6 @@ def _changed(
         first_after_ns=start_ns[first[after]],
         age_before_s=looks.age_before_s[numbers[differs]],
         age_after_s=looks.age_after_s[numbers[differs]],
-        held_s=(stop_ns[last[taken]] - start_ns[first[taken]]) / NS_PER_S,
+        watched_s=watched_s[taken],
         seen_s=np.minimum(seen_s[before], seen_s[after]),
     )

@@ -51,7 +51,7 @@ def patch_entry(patch: Patch) -> dict[str, Any]:
         "first_after_s": patch.first_after_ns / NS_PER_S,
         "age_before_s": round(patch.age_before_s, 3),
         "age_after_s": round(patch.age_after_s, 3),
-        "held_s": patch.held_s,
+        "watched_s": patch.watched_s,
         "cells": points_entry(patch.points_map),
     }
 

@@ -17,6 +17,7 @@ from tempog.analysis.patches import Patch, find_patches, stands_out
 from tempog.errors import ConfigError, MomentError, TimeError
 from tempog.grid.history import History
 from tempog.methods import FOR_S, JOIN_M, SMALLEST_M, SURFACE_M
+from tempog.sensing.grid_spec import Extent
 from tempog.times import NS_PER_S, Moment
 
 
@@ -28,7 +29,8 @@ class Areas(NamedTuple):
     compared_m2 : float
         Known at both moments, and looked at in between.
     not_seen_again_m2 : float
-        Known at the first moment, and not looked at since: whether it changed, nobody knows.
+        Known at the first moment, and not looked at since, or longer before the second one than `hold`: whether it
+        changed, nobody knows.
     first_seen_m2 : float
         Known at the second moment only: what was there before, nobody knows.
     """
@@ -55,10 +57,12 @@ class MapDiff:
     appeared, vanished : tuple of Patch
         What is of no known object's move, the largest first.
     brief : tuple of Patch
-        What would be among them, had it held for `for_s`: people who stand, and what was only glimpsed.
+        What would be among them, had it been watched there for `for_s`: people, and what was only glimpsed.
     areas : Areas
     not_seen_again : (n_rows, n_cols) bool
-        The cells of `Areas.not_seen_again_m2`, over `history.extent` when this was worked out.
+        The cells of `Areas.not_seen_again_m2`.
+    extent : Extent
+        Where `not_seen_again` lies. A grid that is being mapped may reach farther by now.
     objects_not_seen_again : tuple of int
         Ids of objects that were in a clear state at the first moment and were not seen since.
     """
@@ -78,6 +82,7 @@ class MapDiff:
     brief: tuple[Patch, ...]
     areas: Areas
     not_seen_again: NDArray[np.bool_]
+    extent: Extent
     objects_not_seen_again: tuple[int, ...]
 
     @property
@@ -125,16 +130,16 @@ def map_diff(
     Parameters
     ----------
     history : History
-        A grid, a saved map, or a window of either. All of it counts, what was seen after `t2` too: how long a thing
-        stood there, and which objects there are.
+        A grid, a saved map, or a window of either. All of it counts, what was seen after `t2` too: for how long a
+        thing stood there, and which objects there are.
     t1, t2 : moments, see `History.at`
     found : FoundObjects, optional
         The known objects of `history`. Default: those of `find_objects`.
     hold : float, seconds
         How old the last look may be at each moment; by default the last known state counts however old.
     for_s : float, seconds
-        What stood for a shorter time, from first look to last, is `MapDiff.brief`: somebody who waits is no change of
-        the map.
+        What was watched for a shorter time while it was there, in one pass or several, is `MapDiff.brief`: somebody
+        who waits is no change of the map. Where nobody walks about, 1 or 2 will do.
     smallest_m : float, metres
         Patches that reach less far, corner to corner, are dropped.
     join_m : float, metres
@@ -175,7 +180,7 @@ def map_diff(
     moved, unseen = moved_objects(known.objects, before_ns, after_ns, hold)
     changed = changed_cells(history, before_ns, after_ns, looks)
     changed = changed.chosen(stands_out(history, known, moved, changed, looks, surface_m))
-    lasting = changed.held_s >= for_s
+    lasting = changed.watched_s >= for_s
     grouped = [
         [
             patch
@@ -208,6 +213,7 @@ def map_diff(
             int((looks.known_after & ~looks.known_before).sum()) * cell_m2,
         ),
         not_seen_again=history.tiles.to_dense(not_seen_again, False),
+        extent=history.extent,
         objects_not_seen_again=tuple(unseen),
     )
 

@@ -47,9 +47,9 @@ class Patch:
         Until just before when it was seen as before, and from when on as after; the medians over its cells.
     age_before_s, age_after_s : float, seconds
         How long before each moment it was looked at last; the medians over its cells.
-    held_s : float, seconds
-        From when it was first seen to be there until when last; the median over its cells. May begin before the first
-        moment, and end after the second.
+    watched_s : float, seconds
+        For how long it was watched while it was there, breaks of up to `BREAK_S` included; the median over its
+        cells. May begin before the first moment, and end after the second.
     object_id : int, optional
         A known object that has a place there.
     """
@@ -63,7 +63,7 @@ class Patch:
     first_after_ns: int
     age_before_s: float
     age_after_s: float
-    held_s: float
+    watched_s: float
     object_id: int | None
 
     @property
@@ -135,7 +135,7 @@ def find_patches(
                 first_after_ns=int(np.median(changed.first_after_ns[which])),
                 age_before_s=float(np.median(changed.age_before_s[which])),
                 age_after_s=float(np.median(changed.age_after_s[which])),
-                held_s=float(np.median(changed.held_s[which])),
+                watched_s=float(np.median(changed.watched_s[which])),
                 object_id=max(set(here), key=here.count) if 2 * len(here) > len(which) else None,
             )
         )

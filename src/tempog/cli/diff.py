@@ -48,7 +48,10 @@ def diff(
         Path | None, typer.Option("--json", metavar="FILE", help="Write all of it to a file as JSON.")
     ] = None,
     for_s: Annotated[
-        float, typer.Option("--for", help="Seconds; what stood for a shorter time is counted, not listed.")
+        float,
+        typer.Option(
+            "--for", help="Seconds; what was watched there for a shorter time is counted, not listed: people."
+        ),
     ] = FOR_S,
     hold: Annotated[
         float | None, typer.Option(help="Seconds that a cell keeps its last known state. Default: for ever.")
@@ -69,7 +72,8 @@ def diff(
     """Say what appeared, vanished or moved between two moments, and what nobody can tell.
 
     Known objects, such as doors, move; anything else appears or vanishes. The last known state counts at either
-    moment. Times are seconds since the log's start. Whoever stands somewhere for less than --for is no change.
+    moment. Times are seconds since the log's start. What was watched for less than --for while it was there may be
+    somebody who waits; where nobody walks about, --for 1 lists everything else, too.
     """
     if output is not None:
         check_new_picture(output, force)
@@ -130,8 +134,8 @@ def diff_lines(changed: MapDiff) -> list[str]:
     if changed.brief:
         n = len(changed.brief)
         lines.append(
-            f"not listed: {counted(n, 'patch', 'patches')} of what stood for less than {changed.for_s:g} s,"
-            " people who wait, for example"
+            f"not listed: {counted(n, 'patch', 'patches')} of what was watched there for less than {changed.for_s:g} s,"
+            " as people are"
         )
     return lines
 
@@ -165,5 +169,6 @@ def patch_text(patch: Patch, start_ns: int) -> str:
     return (
         f"{patch.kind:<9} {x:>7.2f} {y:>7.2f}  {box.x_max - box.x_min:.1f} x {box.y_max - box.y_min:.1f} m,"
         f" {was} until {offset_text(patch.last_before_ns, start_ns)},"
-        f" {now} from {offset_text(patch.first_after_ns, start_ns)}; stood {duration_text(patch.held_s)}{of_object}"
+        f" {now} from {offset_text(patch.first_after_ns, start_ns)}; watched there for"
+        f" {duration_text(patch.watched_s)}{of_object}"
     )

@@ -86,8 +86,7 @@ def _picture(diff: MapDiff) -> Rgb:
     rgb[~np.isnan(value)] = as_rgb(WHITE)
     rgb[taken] = as_rgb(OCCUPIED)
     unseen = np.zeros(value.shape, dtype=np.bool_)
-    rows, cols = diff.not_seen_again.shape
-    unseen[:rows, :cols] = diff.not_seen_again
+    unseen[diff.extent.part_of(history.extent)] = diff.not_seen_again[history.extent.part_of(diff.extent)]
     rgb[unseen] = as_rgb(NOT_SEEN_AGAIN)
     rgb[unseen & taken] = as_rgb(NOT_SEEN_WALL)
     for colour, several in _coloured(diff):

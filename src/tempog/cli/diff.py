@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from tempog.analysis.moved_objects import Move, Whereabouts
     from tempog.analysis.patches import Patch
 
+NUMBER_WIDTH = 5
 HEAD = f"{'no.':>4} {'change':<9} {'x':>7} {'y':>7}  what"
 
 
@@ -71,9 +72,9 @@ def diff(
 ) -> None:
     """Say what appeared, vanished or moved between two moments, and what nobody can tell.
 
-    Known objects, such as doors, move; anything else appears or vanishes. The last known state counts at either
-    moment. Times are seconds since the log's start. What was watched for less than --for while it was there may be
-    somebody who waits; where nobody walks about, --for 1 lists everything else, too.
+    Known objects, such as doors, move, at least so often as is said; anything else appears or vanishes. The last
+    known state counts at either moment. Times are seconds since the log's start. What was watched for less than
+    --for while it was there may be somebody who waits; where nobody walks about, --for 1 lists everything else, too.
     """
     if output is not None:
         check_new_picture(output, force)
@@ -134,41 +135,51 @@ def diff_lines(changed: MapDiff) -> list[str]:
     if changed.brief:
         n = len(changed.brief)
         lines.append(
-            f"not listed: {counted(n, 'patch', 'patches')} of what was watched there for less than {changed.for_s:g} s,"
+            f"not listed: {counted(n, 'patch', 'patches')} of what was watched for less than {changed.for_s:g} s,"
             " as people are"
         )
     return lines
 
 
 def move_text(move: Move, start_ns: int) -> str:
-    """A move as a line of the table."""
+    """A move as a line of the table, without its number."""
     points = [place.centre_m for place in move.one.configurations]
     x, y = (sum(values) / len(points) for values in zip(*points, strict=True))
     places = " -> ".join(state_text(move, where) for where in (move.before, move.after))
     seen = [offset_text(stamp, start_ns) for stamp in (move.before.last_seen_ns, move.after.last_seen_ns)]
-    return (
-        f"{'moved':<9} {x:>7.2f} {y:>7.2f}  object {move.one.id}: {places};"
-        f" {counted(move.n_moves, 'move', 'moves')} or more; last seen {seen[0]}, {seen[1]}"
+    return row(
+        "moved",
+        x,
+        y,
+        f"object {move.one.id}: {places}; {counted(move.n_moves, 'move', 'moves')}; last seen {seen[0]}, {seen[1]}",
     )
 
 
 def state_text(move: Move, where: Whereabouts) -> str:
-    """Where an object was: a place with its centre, or none of them."""
+    """Where an object was: the id of a place with its centre, or in none of them."""
     place = move.place(where)
     if place is None:
         return "elsewhere"
     x, y = place.centre_m
-    return f"place {place.id} ({x:.1f}, {y:.1f})"
+    return f"{place.id} ({x:.1f}, {y:.1f})"
 
 
 def patch_text(patch: Patch, start_ns: int) -> str:
-    """A patch as a line of the table."""
+    """A patch as a line of the table, without its number."""
     (x, y), box = patch.centre_m, patch.bounds
     was, now = ("free", "there") if patch.kind == "appeared" else ("there", "free")
+    last, first = (offset_text(stamp, start_ns) for stamp in (patch.last_before_ns, patch.first_after_ns))
     of_object = f"; at object {patch.object_id}" if patch.object_id is not None else ""
-    return (
-        f"{patch.kind:<9} {x:>7.2f} {y:>7.2f}  {box.x_max - box.x_min:.1f} x {box.y_max - box.y_min:.1f} m,"
-        f" {was} until {offset_text(patch.last_before_ns, start_ns)},"
-        f" {now} from {offset_text(patch.first_after_ns, start_ns)}; watched there for"
-        f" {duration_text(patch.watched_s)}{of_object}"
+    return row(
+        patch.kind,
+        x,
+        y,
+        f"{box.x_max - box.x_min:.1f} x {box.y_max - box.y_min:.1f} m, {was} until {last}, {now} from {first};"
+        f" watched {duration_text(patch.watched_s)}{of_object}",
     )
+
+
+def row(kind: str, x: float, y: float, what: str) -> str:
+    """The columns of one change after its number."""
+    columns = f"{kind:<9} {x:>7.2f} {y:>7.2f}  "
+    return columns + wrapped(what, len(columns) + NUMBER_WIDTH)

@@ -271,12 +271,12 @@ def test_faces_are_looked_for_as_far_as_the_larger_piece_is_large(triples):
         for (i, one), (j, other) in itertools.combinations(enumerate(pieces), 2)
         if math.dist(one.centre_m, other.centre_m) <= max(one.size_m, other.size_m) + 0.11
     ]
-    assert places._close_pairs(pieces, 0.11) == wanted
+    assert places.close_pairs(pieces, 0.11) == wanted
 
 
 def test_a_piece_as_long_as_the_map_makes_no_pairs_of_the_others() -> None:
     pieces = [piece(-100.0, 0.0, 300.0), *(piece(3.0 * (k % 30), 3.0 * (k // 30), 0.8) for k in range(900))]
-    assert places._close_pairs(pieces, 0.11) == [(0, k) for k in range(1, 901)]
+    assert places.close_pairs(pieces, 0.11) == [(0, k) for k in range(1, 901)]
 
 
 def test_what_was_not_needed_is_forgotten_and_other_contexts_know_nothing() -> None:

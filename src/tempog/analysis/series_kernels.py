@@ -158,3 +158,43 @@ def append_periods(
                     stop_ns[place - 1] = min(stop_ns[place - 1], start_ns[place])
                 place += 1
         next_place[i] = place
+
+
+@kernel
+def cut_out(
+    at: NDArray[np.int64],
+    offsets: NDArray[np.int64],
+    first: NDArray[np.int32],
+    last: NDArray[np.int32],
+    value: NDArray[np.float32],
+    since: int,
+    until: int,
+    stamps_ns: NDArray[np.int64],
+    chunk_bits: int,
+    out_offsets: NDArray[np.int64],
+    out_first: NDArray[np.int32],
+    out_last: NDArray[np.int32],
+    out_value: NDArray[np.float32],
+    steps: NDArray[np.int32],
+) -> None:
+    """Copy the intervals that `count_periods` counted, clipped to the scans since..until; note which scans they need.
+
+    out_offsets (n + 1,)   where each cell's intervals go; all counted
+    steps (n_chunks + 1,)  of chunks of ``2**chunk_bits`` scans: its running sum is how many intervals need each one,
+                           for a scan they hold or another of the same stamp   [updated]
+    """
+    for i in range(at.shape[0]):
+        if at[i] < 0:
+            continue
+        place = out_offsets[i]
+        for k in range(offsets[at[i]], offsets[at[i] + 1]):
+            if first[k] <= until and last[k] >= since:
+                begin, end = max(first[k], since), min(last[k], until)
+                out_first[place], out_last[place], out_value[place] = begin, end, value[k]
+                place += 1
+                while begin > 0 and stamps_ns[begin - 1] == stamps_ns[begin]:
+                    begin -= 1
+                while end + 1 < stamps_ns.shape[0] and stamps_ns[end + 1] == stamps_ns[end]:
+                    end += 1
+                steps[begin >> chunk_bits] += 1
+                steps[(end >> chunk_bits) + 1] -= 1

@@ -6,8 +6,9 @@ blocks can be worked out in any order and anywhere: `look_at_block` takes arrays
 
 from __future__ import annotations
 
+from functools import partial
 from threading import Lock
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,9 @@ from tempog.grid.history import History
 from tempog.methods import EvidenceConfig
 from tempog.sensing.grid_spec import GridSpec
 from tempog.sensing.tiles import TILE
+
+if TYPE_CHECKING:
+    from tempog.analysis.evidence.elsewhere import Elsewhere
 
 BLOCK_TILES = 16  # along a side: 6.4 m of 0.05 m cells; larger ones gain little, as their border is short already
 
@@ -107,14 +111,18 @@ def cell_states(
     known: Known | None = None,
     block_tiles: int = BLOCK_TILES,
     look_ns: int | None = None,
+    elsewhere: Elsewhere | None = None,
 ) -> CellStates:
     """States of every cell that was ever hit, block by block; those blocks anew that differ from what is known."""
-    intervals = Intervals.of(history, look_ns)
+    intervals = elsewhere.intervals if elsewhere else Intervals.of(history, look_ns)
     content = cell_content(history) if known is not None else np.zeros(history.tiles.n_cells, dtype=np.uint64)
     layout = _lay_out(history, content, block_tiles * TILE, settings)
-    scans = Scans(intervals.stamps_ns, history.poses, intervals.look_ns)
     held: dict[int, Courses] = {}
-    found = _look_at_blocks(layout, intervals, scans, settings, known, held)
+    if elsewhere is not None:
+        found = elsewhere.look_at_blocks([partial(layout.sent, block) for block in range(len(layout.members))])
+    else:
+        scans = Scans(intervals.stamps_ns, history.poses, intervals.look_ns)
+        found = _look_at_blocks(layout, intervals, scans, settings, known, held)
 
     def load(block: int) -> Courses:
         return smoothed_courses(intervals, layout.numbers[layout.members[block]], settings)
@@ -163,6 +171,11 @@ class _Layout(NamedTuple):
         row, col = (int(of[self.members[block][0]]) // self.side * self.side for of in (self.rows, self.cols))
         last_row, last_col = row + self.side - 1 + self.reach, col + self.side - 1 + self.reach
         return within(self.rows, self.cols, row, last_row, col - self.reach, last_col)
+
+    def sent(self, block: int) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+        """The cells of the block's area: their numbers, rows and columns, and which are the block's own."""
+        cells = self.area(block)
+        return self.numbers[cells], self.rows[cells], self.cols[cells], self.block_of[cells] == block
 
     def key(self, block: int) -> bytes:
         """A name for what was measured in the block's area."""

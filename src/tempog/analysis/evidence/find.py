@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +19,14 @@ from tempog.analysis.evidence.known import Known, recalled
 from tempog.analysis.evidence.places import Place, by_block, find_places
 from tempog.analysis.evidence.states import CellStates
 from tempog.analysis.objects import MovingObject, timeline_of
-from tempog.analysis.series import ever_occupied, look_ns
+from tempog.analysis.series import Intervals, ever_occupied, look_ns
 from tempog.analysis.static import CellClass
 from tempog.grid.history import History
 from tempog.methods import EvidenceConfig
 from tempog.times import NS_PER_S
+
+if TYPE_CHECKING:
+    from tempog.analysis.evidence.elsewhere import Workers
 
 HYPOTHESIS_ODDS = 0.0  # log odds: as likely as not
 LOOK_WORTH_S = 0.3  # s; scanners on robots look at least so often, mostly ten times a second
@@ -31,18 +35,29 @@ OBSERVED_TIMES = ("worth_s", "least_stay_s")
 
 
 def find_by_evidence(
-    history: History, settings: EvidenceConfig, known: Known | None = None, block_tiles: int = BLOCK_TILES
+    history: History,
+    settings: EvidenceConfig,
+    known: Known | None = None,
+    block_tiles: int = BLOCK_TILES,
+    workers: Workers | None = None,
 ) -> tuple[NDArray[np.int8], list[Configuration], list[MovingObject]]:
     """Static map, configurations and objects of a history; see `find_objects`.
 
-    The answer depends neither on what is known from an earlier analysis nor on the size of the blocks.
+    The answer depends neither on what is known from an earlier analysis, nor on the size of the blocks, nor on
+    who works them out. What workers find out is not remembered.
     """
     look = steady_look_ns(history)
     settings = for_looks_every(look / NS_PER_S, settings)
     if known is not None:
         known.begin((settings, look, history.tiles.spec.resolution_m, block_tiles))
-    states = cell_states(history, settings, known, block_tiles, look)
-    places = find_places(states, group_cells(states, settings, known), settings, known)
+    elsewhere = None
+    if workers is not None:
+        from tempog.analysis.evidence.elsewhere import Elsewhere
+
+        parts = (Intervals.of(history, look), history.poses, history.tiles.spec.resolution_m)
+        elsewhere = Elsewhere(workers, *parts, settings)
+    states = cell_states(history, settings, known, block_tiles, look, elsewhere)
+    places = find_places(states, group_cells(states, settings, known, elsewhere), settings, known, elsewhere)
     places = [place for place in places if 2 * np.count_nonzero(states.by_view[place.cells]) <= len(place.cells)]
     places, sets = without_doubtful(places, associate_places(places, settings), settings)
     several = {i for one in sets for i in one.members}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +15,16 @@ from tempog.analysis.evidence.threads import in_threads
 from tempog.analysis.series_kernels import connect
 from tempog.methods import EvidenceConfig
 
+if TYPE_CHECKING:
+    from tempog.analysis.evidence.elsewhere import Elsewhere
+
 # Share of stretches in which two cells of one thing may differ: they are not seen by the same beam.
 DISAGREEMENT = 0.1
 
 
-def group_cells(states: CellStates, settings: EvidenceConfig, known: Known | None = None) -> list[NDArray[np.int64]]:
+def group_cells(
+    states: CellStates, settings: EvidenceConfig, known: Known | None = None, elsewhere: Elsewhere | None = None
+) -> list[NDArray[np.int64]]:
     """Groups of cells that were occupied and free together, each as sorted indices into `states`.
 
     Only cells take part for whose having been occupied, and free, there is some evidence. Two groups are merged if
@@ -36,7 +41,7 @@ def group_cells(states: CellStates, settings: EvidenceConfig, known: Known | Non
     order = np.argsort(bundle, kind="stable")
     bounds = np.flatnonzero(np.diff(bundle[order])) + 1
     bundles = [_Bundle.of(states, left[which], right[which], weight[which]) for which in np.split(order, bounds)]
-    for one, merged in zip(bundles, _merge_each(bundles, settings, known), strict=True):
+    for one, merged in zip(bundles, _merge_each(bundles, settings, known, elsewhere), strict=True):
         label[one.cells] = one.cells[merged]
     label = label[changing]
     order = np.argsort(label, kind="stable")
@@ -65,10 +70,14 @@ class _Bundle(NamedTuple):
         return digest("bundle", *self.places, self.left, self.right, self.weight)
 
 
-def _merge_each(bundles: list[_Bundle], settings: EvidenceConfig, known: Known | None) -> list[NDArray[np.int64]]:
+def _merge_each(
+    bundles: list[_Bundle], settings: EvidenceConfig, known: Known | None, elsewhere: Elsewhere | None
+) -> list[NDArray[np.int64]]:
     def work_out(one: _Bundle) -> NDArray[np.int64]:
         return merge(len(one.cells), one.left, one.right, one.weight, settings.alike_above)
 
+    if elsewhere is not None:
+        return elsewhere.merge([(len(one.cells), one.left, one.right, one.weight) for one in bundles])
     if known is None:
         return in_threads(work_out, bundles)
     return [recalled(known, one.key, partial(work_out, one)) for one in bundles]

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,9 @@ from tempog.analysis.evidence.shape import ROUNDING_M, Line, fit_line
 from tempog.analysis.evidence.states import CellStates
 from tempog.methods import EvidenceConfig
 from tempog.times import NS_PER_S
+
+if TYPE_CHECKING:
+    from tempog.analysis.evidence.elsewhere import Elsewhere
 
 STATES: tuple[PlaceState, PlaceState] = ("free", "occupied")
 # Shares of the smaller group's cells that lie along the other:
@@ -141,37 +144,49 @@ class Place:
 
 
 def find_places(
-    states: CellStates, groups: Sequence[NDArray[np.int64]], settings: EvidenceConfig, known: Known | None = None
+    states: CellStates,
+    groups: Sequence[NDArray[np.int64]],
+    settings: EvidenceConfig,
+    known: Known | None = None,
+    elsewhere: Elsewhere | None = None,
 ) -> list[Place]:
     """The groups that are likelier to be places of a leaf or a box than `doubt_above`.
 
     Sorted by the row, then column, of the first cell.
     """
     judged = (
-        replace(place, log_odds=place_odds(traits)) for place, traits in candidates(states, groups, settings, known)
+        replace(place, log_odds=place_odds(traits))
+        for place, traits in candidates(states, groups, settings, known, elsewhere)
     )
     places = without_doubles([place for place in judged if place.log_odds > settings.doubt_above], settings.face_m)
     return sorted(places, key=lambda place: int(place.cells[0]))
 
 
 def candidates(
-    states: CellStates, groups: Sequence[NDArray[np.int64]], settings: EvidenceConfig, known: Known | None = None
+    states: CellStates,
+    groups: Sequence[NDArray[np.int64]],
+    settings: EvidenceConfig,
+    known: Known | None = None,
+    elsewhere: Elsewhere | None = None,
 ) -> list[tuple[Place, Traits]]:
     """Groups, faces joined, that change as a whole and are large enough; and what is known of each."""
     large = [group for group in groups if _reach_m(states, group) >= settings.piece_m]
-    measured: dict[int, Place] = {}
-    for k in by_block(states, large):
-        measured[k] = _measured(states, large[k], settings, known)
+    if elsewhere is not None:
+        measured = dict(enumerate(elsewhere.measure(states, large)))
+    else:
+        measured = {k: _measured(states, large[k], settings, known) for k in by_block(states, large)}
     pieces = [measured[k] for k in range(len(large)) if _may_be_part(measured[k], settings)]
     comes_back = np.zeros(len(states.rows), dtype=np.bool_)
     for piece in pieces:
         if _comes_back(piece, settings):
             comes_back[piece.cells] = True
-    joined = [
-        place
-        for place in join_faces(states, pieces, settings, known)
-        if place.size_m >= settings.smallest_m and place.n_changes
-    ]
+    if elsewhere is not None:
+        joined = elsewhere.join_faces(states, pieces)
+    else:
+        joined = join_faces(states, pieces, settings, known)
+    joined = [place for place in joined if place.size_m >= settings.smallest_m and place.n_changes]
+    if elsewhere is not None:
+        return list(zip(joined, elsewhere.traits(states, joined, comes_back), strict=True))
     return [
         (joined[k], _traits(states, joined[k], comes_back, settings, known))
         for k in by_block(states, [one.cells for one in joined])
@@ -183,7 +198,7 @@ def without_doubles(places: Sequence[Place], face_m: float) -> list[Place]:
     doubled: set[int] = set()
     ranked = sorted(range(len(places)), key=lambda k: (-places[k].log_odds, int(places[k].cells[0])))
     rank = {k: n for n, k in enumerate(ranked)}
-    pairs = [(i, j) if rank[i] < rank[j] else (j, i) for i, j in _close_pairs(places, face_m)]
+    pairs = [(i, j) if rank[i] < rank[j] else (j, i) for i, j in close_pairs(places, face_m)]
     for better, worse in sorted(pairs, key=lambda pair: (rank[pair[0]], rank[pair[1]])):
         if doubled.isdisjoint((better, worse)) and _share_along(places[better], places[worse], face_m) >= SAME_PLACE:
             doubled.add(worse)
@@ -200,6 +215,11 @@ def looks_m(settings: EvidenceConfig) -> float:
     return max(settings.ring_m, settings.echo_m)
 
 
+def looks_around(states: CellStates, settings: EvidenceConfig) -> int:
+    """The same in cells, for `CellStates.around`."""
+    return math.ceil(looks_m(settings) / states.resolution_m) + 1
+
+
 def _measured(states: CellStates, cells: NDArray[np.int64], settings: EvidenceConfig, known: Known | None) -> Place:
     """As `measure`, or as it was measured before: cells may have other indices by now."""
     place = recalled(known, lambda: states.digest("piece", cells), lambda: measure(states, cells, settings))
@@ -212,7 +232,7 @@ def _traits(
     """As `traits_of`, or as they were before."""
 
     def key() -> bytes:
-        around = states.around(place.cells, math.ceil(looks_m(settings) / states.resolution_m) + 1)
+        around = states.around(place.cells, looks_around(states, settings))
         return states.digest("place", place.cells, around) + np.packbits(comes_back[around]).tobytes()
 
     return recalled(known, key, lambda: traits_of(states, place, comes_back, settings))
@@ -322,6 +342,20 @@ def join_faces(
     A pass of the robot sees one face, the next one the other; what their states have in common are stays, gaps
     filled in.
     """
+    return list(join_pairs(states, pieces, close_pairs(pieces, settings.face_m), settings, known).values())
+
+
+def join_pairs(
+    states: CellStates,
+    pieces: Sequence[Place],
+    pairs: Iterable[tuple[int, int]],
+    settings: EvidenceConfig,
+    known: Known | None = None,
+) -> dict[int, Place]:
+    """`join_faces` for pairs of pieces, by their numbers, in order; what is joined has the number of one piece of it.
+
+    Pieces that no chain of pairs connects do not meet.
+    """
     from tempog.analysis.evidence.association import joint_periods
 
     whole: dict[int, Place] = dict(enumerate(pieces))
@@ -333,7 +367,7 @@ def join_faces(
             k = part_of[k]
         return k
 
-    for i, j in _close_pairs(pieces, settings.face_m):
+    for i, j in pairs:
         a, b = owner(i), owner(j)
         if a == b:
             continue
@@ -348,10 +382,10 @@ def join_faces(
             whole[a] = _measured(states, cells, settings, known)
             del whole[b]
             part_of[b] = a
-    return list(whole.values())
+    return whole
 
 
-def _close_pairs(pieces: Sequence[Place], face_m: float) -> list[tuple[int, int]]:
+def close_pairs(pieces: Sequence[Place], face_m: float) -> list[tuple[int, int]]:
     """Pairs of pieces whose centres are no farther apart than the larger one's size, and the gap between faces.
 
     Each piece looks as far as its own size: one that reaches through the whole map is paired with all others, but

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from tempog.config import GridConfig, MapConfig, SensingConfig
     from tempog.errors import (
         ClockError,
+        ClusterError,
         ConfigError,
         EmptyWindowError,
         ExtentError,
@@ -60,6 +61,7 @@ _HOMES = {
     "tempog.config": ["GridConfig", "MapConfig", "SensingConfig"],
     "tempog.errors": [
         "ClockError",
+        "ClusterError",
         "ConfigError",
         "EmptyWindowError",
         "ExtentError",
@@ -86,6 +88,7 @@ __all__ = [
     "CellHistory",
     "Changes",
     "ClockError",
+    "ClusterError",
     "ConfigError",
     "Configuration",
     "EmptyWindowError",

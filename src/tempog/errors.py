@@ -11,7 +11,8 @@ TempogError
 ├── MapError            a saved map that cannot be read or written
 ├── WorldError          a world to simulate that cannot be, or whose file cannot be read
 ├── TruthError          the truth about a simulated log that cannot be read
-└── AnswerError         found objects that cannot be read, or not be judged
+├── AnswerError         found objects that cannot be read, or not be judged
+└── ClusterError        workers that cannot be reached, or that lost what they were given
 
 Every message says what was seen, what was wanted and what to do. The library raises these and never
 prints; the command line shows the message alone, without a traceback.
@@ -64,3 +65,7 @@ class TruthError(TempogError, ValueError):
 
 class AnswerError(TempogError, ValueError):
     """A document of found objects that cannot be read, or that its truth cannot judge."""
+
+
+class ClusterError(TempogError):
+    """A cluster that cannot be reached or used, or that was lost in the middle of the work."""

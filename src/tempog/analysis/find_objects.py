@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,11 @@ from tempog.grid.history import History
 from tempog.methods import METHODS, EvidenceConfig, Method, PaperConfig
 from tempog.sensing.grid_spec import Extent
 from tempog.times import Moment
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+    from tempog.analysis.cluster import Progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +122,12 @@ class FoundObjects:
 
 
 def find_objects(
-    history: History, method: Method = "evidence", settings: PaperConfig | EvidenceConfig | None = None
+    history: History,
+    method: Method = "evidence",
+    settings: PaperConfig | EvidenceConfig | None = None,
+    *,
+    cluster: Client | str | None = None,
+    progress: Progress | None = None,
 ) -> FoundObjects:
     """Walls, places that things come to stand in, and which of them are places of one object.
 
@@ -131,6 +141,12 @@ def find_objects(
         see `tempog.methods.METHODS`.
     settings : EvidenceConfig or PaperConfig, optional
         Default: those of the method.
+    cluster : distributed.Client or str, optional
+        A Dask cluster that works out method ``evidence``, with the same answer; see docs/cluster.md.
+        ``"tcp://host:8786"`` is a running scheduler. ``"local:2"`` starts two processes for it; as they import the
+        script that asks, that needs ``if __name__ == "__main__":``.
+    progress : callable, optional
+        With a cluster, is told what is being worked out, how much of it is done, and how much there is.
 
     Returns
     -------
@@ -139,7 +155,9 @@ def find_objects(
     Raises
     ------
     ConfigError
-        An unknown method, or settings of another one.
+        An unknown method, settings of another one, or a cluster for another method than ``evidence``.
+    ClusterError
+        The cluster cannot be reached or used, or is lost.
     TimeError
         An empty history.
 
@@ -159,10 +177,17 @@ def find_objects(
     if type(chosen) is not type(METHODS[method]):
         wanted = type(METHODS[method]).__name__
         raise ConfigError(f"method {method} takes its settings as {wanted}, not {type(chosen).__name__}")
-    if isinstance(chosen, EvidenceConfig):
+    if isinstance(chosen, PaperConfig):
+        if cluster is not None:
+            raise ConfigError(f"method {method} cannot be worked out by a cluster; leave it out, or use evidence")
+        walls, configurations, objects = find_by_paper(history, chosen)
+    elif cluster is None:
         walls, configurations, objects = find_by_evidence(history, chosen)
     else:
-        walls, configurations, objects = find_by_paper(history, chosen)
+        from tempog.analysis.cluster import dask_workers
+
+        with dask_workers(cluster, progress) as workers:
+            walls, configurations, objects = find_by_evidence(history, chosen, workers=workers)
     return FoundObjects(history, method, chosen, walls, history.extent, tuple(configurations), tuple(objects))
 
 

@@ -6,7 +6,7 @@ import json
 import math
 import sys
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -137,15 +137,15 @@ def track(text: str, scans: Sequence[Tracked]) -> Iterable[Tracked]:
 
 
 @contextmanager
-def status(text: str, wanted: bool) -> Iterator[None]:
-    """A spinner with a text on standard error, where it is wanted."""
+def status(text: str, wanted: bool) -> Iterator[Callable[[str], None]]:
+    """A spinner with a text on standard error, where it is wanted; what it gives changes the text."""
     if not wanted:
-        yield
+        yield lambda text: None
         return
     from rich.console import Console
 
-    with Console(stderr=True).status(text):
-        yield
+    with Console(stderr=True).status(text) as spinner:
+        yield spinner.update
 
 
 def wants_progress(quiet: bool) -> bool:

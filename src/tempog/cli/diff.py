@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tempog._files import whole_file
+from tempog.cli._maps import MapArgument, RobotOption, SessionOption, opened
 from tempog.cli._output import (
     ForceFlag,
     QuietFlag,
@@ -23,7 +24,6 @@ from tempog.cli._output import (
     wants_progress,
     wrapped,
 )
-from tempog.cli.info import MapArgument
 from tempog.cli.objects import MethodOption, offset_text
 from tempog.cli.show import MOMENT_HELP
 from tempog.methods import FOR_S, SMALLEST_M, SURFACE_M
@@ -67,6 +67,8 @@ def diff(
         ),
     ] = SURFACE_M,
     method: MethodOption = "evidence",
+    sessions: SessionOption = None,
+    robots: RobotOption = None,
     force: ForceFlag = False,
     quiet: QuietFlag = False,
 ) -> None:
@@ -83,9 +85,8 @@ def diff(
     from tempog.analysis.find_objects import find_objects
     from tempog.analysis.map_diff import map_diff, two_moments
     from tempog.analysis.pose_consistency import pose_consistency
-    from tempog.store.map_directory import open_map
 
-    saved = open_map(map_path)
+    saved = opened(map_path, sessions, robots)
     two_moments(saved, *between)  # errors come before the work
     with status("finding what changed", wants_progress(quiet)):
         changed = map_diff(

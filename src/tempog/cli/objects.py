@@ -76,6 +76,14 @@ def objects(
     ] = None,
     sessions: SessionOption = None,
     robots: RobotOption = None,
+    dask: Annotated[
+        str | None,
+        typer.Option(
+            "--dask",
+            metavar="CLUSTER",
+            help="Work it out on a Dask cluster: local:N starts N processes, tcp://HOST:PORT is a running scheduler.",
+        ),
+    ] = None,
     force: ForceFlag = False,
     quiet: QuietFlag = False,
 ) -> None:
@@ -90,6 +98,8 @@ def objects(
     others of tempog.PaperConfig.
     """
     settings = with_settings(METHODS[method], chosen or [])
+    if dask is not None:
+        check_dask(dask, method)
     if file is not None:
         check_new_file(file, force)
     from tempog.analysis.find_objects import find_objects
@@ -99,8 +109,13 @@ def objects(
     history: History = saved
     if start is not None or stop is not None:
         history = history.window(start, stop)
-    with status("finding objects", wants_progress(quiet)):
-        found = find_objects(history, method, settings)
+    with status("finding objects", wants_progress(quiet)) as say:
+
+        def tell(what: str, n_done: int, n_all: int) -> None:
+            say(f"finding objects: {what}, {n_done} of {n_all}")
+
+        found = find_objects(history, method, settings, cluster=dask, progress=tell)
+        say("finding objects")
         measured = found.high_dynamics() if moving else []
         poses = pose_consistency(saved)
         document = {**found.document(measured), "poses": poses.to_dict()}
@@ -141,6 +156,18 @@ def objects(
         typer.echo(f"Written: {file}")
     if poses.warning and not quiet:
         print_note(poses.warning)
+
+
+def check_dask(cluster: str, method: Method) -> None:
+    """Refuse what names no cluster, and methods that cannot use one."""
+    from tempog.analysis.cluster import check_cluster
+
+    if method != "evidence":
+        raise ConfigError(f"--dask works with --method evidence only, not with {method}; leave one of the two out")
+    try:
+        check_cluster(cluster)
+    except ConfigError as error:
+        raise ConfigError(f"--dask: {error}") from None
 
 
 def with_settings(settings: Settings, chosen: list[str]) -> Settings:

@@ -11,8 +11,8 @@
 | timelines | interval that cells of a group share | group, first_scan, span int32, prob float32, cells binary |
 
 A cell's number is ``tile * 64 + (row % 8) * 8 + col % 8``; an interval was first seen by scan `first_scan`
-and last by scan ``first_scan + span``. Moments are metres and square metres, from the cell's centre. `cells` has a bit
-for each member of the group, in the order of `members`, lowest first: whether the cell has the interval.
+and last by scan ``first_scan + span``. Moments are metres and square metres, from the cell's centre. `cells` has a
+bit for each member of the group, in the order of `members`, lowest first: whether the cell has the interval.
 """
 
 from __future__ import annotations

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -181,6 +183,29 @@ def test_what_goes_wrong_in_the_work_is_not_hidden(client: Client) -> None:
     with pytest.raises(ValueError, match="invalid literal"):
         DaskWorkers(client).each("numbers", int, ["1", "two", *["3"] * 40], 42)
     assert DaskWorkers(client).each("numbers", int, ["1"], 1) == [1]
+
+
+class Missing:
+    """Is made by importing a module that is nowhere."""
+
+    def __reduce__(self):
+        return importlib.import_module, ("no_such_module",)
+
+
+def test_a_worker_that_lacks_what_it_takes_is_named(client: Client) -> None:
+    with pytest.raises(ClusterError, match="has no module no_such_module; install tempog"):
+        DaskWorkers(client).each("modules", str, [Missing()], 1)
+
+
+def test_a_scheduler_needs_no_tempog_to_pass_the_work_on() -> None:
+    from distributed.protocol.pickle import dumps
+
+    code = (
+        "import pickle, sys; sys.modules['tempog'] = None; work_out = pickle.loads(sys.stdin.buffer.read());"
+        " print(pickle.loads(work_out(pickle.dumps((int, '12')))))"
+    )
+    answer = subprocess.run([sys.executable, "-c", code], input=dumps(cluster._worker_side()), capture_output=True)
+    assert (answer.stdout.split(), answer.stderr) == ([b"12"], b"")
 
 
 def test_what_kills_every_worker_is_given_up(client: Client) -> None:

@@ -77,7 +77,7 @@ class DaskWorkers:
     """
 
     def __init__(self, client: Client, progress: Progress | None = None) -> None:
-        self._client = client
+        self.client = client
         self._progress = progress
         self._run = uuid.uuid4().hex
         try:
@@ -123,19 +123,19 @@ class DaskWorkers:
                 take()
         finally:
             if on_their_way:
-                self._client.cancel(list(on_their_way))
+                self.client.cancel(list(on_their_way))
         return [answers[k] for k in range(len(answers))]
 
     @property
     def _address(self) -> str:
-        return str(self._client.scheduler.address) if self._client.scheduler else "an unknown address"
+        return str(self.client.scheduler.address) if self.client.scheduler else "an unknown address"
 
     def _send(self, name: str, sent: bytes) -> Future[bytes]:
         import dask
 
         # Dask would rather have data loaded by workers; what a lost worker held would be lost then.
         with dask.config.set({"distributed.admin.large-graph-warning-threshold": 2 * BYTES_ON_THEIR_WAY}):
-            return self._client.submit(_work_out, sent, key=f"tempog {name} {self._run}", pure=False)
+            return self.client.submit(_worker_side(), sent, key=f"tempog {name} {self._run}", pure=False)
 
     def _next(self, done: SimpleQueue[Future[bytes]]) -> Future[bytes]:
         """The next task that gets done, one way or the other."""
@@ -153,10 +153,10 @@ class DaskWorkers:
 
     def _n_threads(self) -> int:
         """Of all workers."""
-        if self._client.status != "running":
+        if self.client.status != "running":
             raise self._lost()
         try:
-            return sum(self._client.nthreads().values())
+            return sum(self.client.nthreads().values())
         except OSError:
             raise self._lost() from None
 
@@ -169,6 +169,10 @@ class DaskWorkers:
             raise ClusterError(
                 f"workers died of the same part of the map, one after the other, at last {error.last_worker.address}:"
                 " probably it takes more memory than they have; give each more of it, or analyse a shorter period"
+            ) from None
+        except ModuleNotFoundError as error:
+            raise ClusterError(
+                f"a worker that came later has no module {error.name}; install tempog {__version__} there as well"
             ) from None
         except (CancelledError, OSError):
             raise self._lost() from None
@@ -185,7 +189,7 @@ class DaskWorkers:
                 return "no tempog"
             return f"tempog {here}"
 
-        for worker, there in self._client.run(version).items():
+        for worker, there in self.client.run(version).items():
             if there != f"tempog {__version__}":
                 raise ClusterError(
                     f"the worker at {worker} has {there}, but here is tempog {__version__}; install the same there"
@@ -277,7 +281,14 @@ def _remote(address: str) -> Iterator[Client]:
         yield client
 
 
-def _work_out(sent: bytes) -> bytes:
-    """Runs on a worker. Arrays that Dask itself sent would be read-only, for which kernels are compiled again."""
-    work, item = pickle.loads(sent)
-    return pickle.dumps(work(item), protocol=pickle.HIGHEST_PROTOCOL)
+def _worker_side() -> Callable[[bytes], bytes]:
+    """What workers run. A function within a function is sent as code: the scheduler loads it, and may lack tempog."""
+
+    def work_out(sent: bytes) -> bytes:
+        import pickle
+
+        # Arrays that Dask itself sent would be read-only, for which kernels would be compiled once more.
+        work, item = pickle.loads(sent)
+        return pickle.dumps(work(item), protocol=pickle.HIGHEST_PROTOCOL)
+
+    return work_out

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import breakdown
+import cluster
 import compression
 import flatness
 import ingest
@@ -35,6 +36,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "startup": startup.run,
     "simulate": simulate.run,
     "objects": objects.run,
+    "cluster": cluster.run,
 }
 ON_REQUEST: dict[str, Benchmark] = {"tables": tables.run}  # half an hour, and of no use to a user of tempog
 

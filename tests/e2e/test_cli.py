@@ -245,8 +245,11 @@ def test_info_json_and_text_agree(tempog: Tempog, corridor_map: Path) -> None:
     text = tempog("info", corridor_map).out
     assert answer["n_scans"] == 600
     assert f"{answer['n_intervals']:,}".replace(",", " ") in text
-    assert answer["sources"][0]["path"].endswith("corridor.npz")
-    assert len(answer["sources"][0]["sha256"]) == 64
+    assert [session["n_scans"] for session in answer["sessions"]] == [600]
+    (source,) = answer["sessions"][0]["sources"]
+    assert source["path"].endswith("corridor.npz")
+    assert len(source["sha256"]) == 64
+    assert f"session    {answer['sessions'][0]['id']}: 600 scans" in text
 
 
 def test_a_directory_that_is_no_map_is_refused(tempog: Tempog, tmp_path: Path) -> None:

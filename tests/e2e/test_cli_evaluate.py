@@ -67,7 +67,7 @@ def test_a_map_is_scored_as_what_the_method_finds_in_it(tempog, hall, method):
     code, out, err = tempog(*words, "--json")
     assert (code, err) == (0, "")
     scores = json.loads(out)
-    from tempog.store.map_directory import open_map
+    from tempog.store.saved_map import open_map
 
     found = find_objects(open_map(hall / "hall.tempog"), method)
     document = found.document(found.high_dynamics(10.0))

@@ -27,8 +27,8 @@ from tempog.grid.temporal_grid import TemporalGrid
 from tempog.grid.time_index import TimeIndex
 from tempog.pipeline import build_grid
 from tempog.scans.scan import Scan, ScanLog, scan_period_s
-from tempog.store import map_directory
-from tempog.store.map_directory import open_map, save_map
+from tempog.store import tables
+from tempog.store.saved_map import open_map, save_map
 
 UNSEEN = (5, 5)  # a cell no stream speaks about
 BUFFERS = st.sampled_from([1, 2, 5, 2**19])  # intervals; small ones make many segments, which are merged
@@ -325,7 +325,7 @@ def test_a_saved_map_answers_what_the_grid_answered(stream, rows_per_group, data
     grid = grid_of(stream)
     folder = Path(tempfile.mkdtemp())
     try:
-        with patch.object(map_directory, "ROWS_PER_GROUP", rows_per_group):
+        with patch.object(tables, "ROWS_PER_GROUP", rows_per_group):
             path = save_map(grid, folder / "map")
         lazily, saved = open_map(path), open_map(path)
         assert_same_answers(grid, saved, stream)
@@ -369,10 +369,13 @@ def test_a_saved_map_of_real_scans_has_their_poses_and_hit_points(scans):
         np.testing.assert_array_equal(saved.poses, grid.poses)
         n = grid.surfaces.n_slots
         assert saved.surfaces.n_slots == n
-        for name in ("cell_of_slot", "hit_count", "moments"):
-            np.testing.assert_array_equal(getattr(saved.surfaces, name), getattr(grid.surfaces, name)[:n])
-        cells = np.arange(grid.tiles.n_cells)
-        np.testing.assert_array_equal(saved.surfaces.slot_of_cell[cells], grid.surfaces.slot_of_cell[cells])
+        cells = grid.surfaces.cell_of_slot[:n]
+        slots = saved.surfaces.slot_of_cell[cells]
+        np.testing.assert_array_equal(saved.surfaces.cell_of_slot[slots], cells)
+        for name in ("hit_count", "moments"):
+            np.testing.assert_array_equal(getattr(saved.surfaces, name)[slots], getattr(grid.surfaces, name)[:n])
+        unhit = np.setdiff1d(np.arange(grid.tiles.n_cells), cells)
+        np.testing.assert_array_equal(saved.surfaces.slot_of_cell[unhit], grid.surfaces.slot_of_cell[unhit])
     finally:
         shutil.rmtree(folder)
 

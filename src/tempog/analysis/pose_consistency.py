@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -36,7 +37,7 @@ class MapWithHits(Protocol):
     def surfaces(self) -> SurfaceMemory: ...
     @property
     def poses(self) -> NDArray[np.float64]: ...
-    def all_runs(self) -> Runs: ...
+    def runs(self) -> Iterator[Runs]: ...
 
 
 class PoseConsistency(NamedTuple):
@@ -160,19 +161,22 @@ def pose_consistency(grid: MapWithHits) -> PoseConsistency:
 
 def _seen(grid: MapWithHits, means: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Of each slot: for what share of its looks it was occupied, and the direction it was then seen from."""
-    surfaces, runs = grid.surfaces, grid.all_runs()
+    surfaces = grid.surfaces
     n = surfaces.n_slots
-    slot = np.repeat(surfaces.slot_of_cell[runs.cells], np.diff(runs.offsets))
-    known = slot >= 0
-    slot, first, last, value = slot[known], runs.first[known], runs.last[known], runs.value[known]
-    lasted = (last - first + 1).astype(np.float64)
-    occupied = value > OCCUPIED_ABOVE
-    looks, taken = np.bincount(slot, lasted, n), np.bincount(slot, lasted * occupied, n)
+    looks, taken, view = np.zeros(n), np.zeros(n), np.zeros((n, 2))
     until = np.concatenate([np.zeros((1, 2)), np.cumsum(grid.poses[:, :2], axis=0)])
-    slot, first, last, lasted = slot[occupied], first[occupied], last[occupied], lasted[occupied]
-    towards = (until[last + 1] - until[first]) / lasted[:, None] - means[slot]
-    towards *= (lasted / np.maximum(np.hypot(*towards.T), 1e-9))[:, None]
-    view = np.stack([np.bincount(slot, towards[:, k], n) for k in (0, 1)], axis=-1).astype(np.float64)
+    for runs in grid.runs():
+        slot = np.repeat(surfaces.slot_of_cell[runs.cells], np.diff(runs.offsets))
+        known = slot >= 0
+        slot, first, last, value = slot[known], runs.first[known], runs.last[known], runs.value[known]
+        lasted = (last - first + 1).astype(np.float64)
+        occupied = value > OCCUPIED_ABOVE
+        looks += np.bincount(slot, lasted, n)
+        taken += np.bincount(slot, lasted * occupied, n)
+        slot, first, last, lasted = slot[occupied], first[occupied], last[occupied], lasted[occupied]
+        towards = (until[last + 1] - until[first]) / lasted[:, None] - means[slot]
+        towards *= (lasted / np.maximum(np.hypot(*towards.T), 1e-9))[:, None]
+        view += np.stack([np.bincount(slot, towards[:, k], n) for k in (0, 1)], axis=-1)
     return np.asarray(taken / np.maximum(looks, 1), dtype=np.float64), view
 
 

@@ -7,6 +7,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -123,7 +124,8 @@ class Committer:
         self.manifest.sessions = [*sessions, self.session] if self.session.n_scans else sessions
         write_manifest(self.root, self.manifest)
         self._unnamed.clear()
-        remove_journals(self.root / JOURNAL, self._strand[-1].end_scan if self._strand else 0)
+        with suppress(OSError):  # it counts already
+            remove_journals(self.root / JOURNAL, self._strand[-1].end_scan if self._strand else 0)
         self._remove_retired()
         return Committed(list(self._strand), [])
 

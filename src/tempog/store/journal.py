@@ -27,6 +27,7 @@ from tempog.store.tables import sync
 SUFFIX = ".journal"
 FRAME = struct.Struct("<II")  # length of the payload, CRC-32
 SCAN = struct.Struct("<qqddddI?")  # number, stamp (ns), x, y (m), theta (rad), max_range (m), beams, angles follow
+HEADER = {"map": str, "id": str, "robot": str, "strand": int, "first_scan": int, "config": dict, "sources": list}
 LARGEST_PAYLOAD = 2**28  # bytes; a length beyond is damage
 
 
@@ -39,7 +40,7 @@ class JournalWriter:
     first_scan : int
         Number of the scan that comes next.
     header : dict
-        Kept in the file, for `read_journal`.
+        What is kept of the map and the session, as `HEADER` has it.
     """
 
     def __init__(self, folder: Path, first_scan: int, header: dict[str, Any]) -> None:
@@ -48,12 +49,21 @@ class JournalWriter:
         self.first_scan = first_scan
         self._file = os.open(self.path, os.O_CREAT | os.O_TRUNC | os.O_WRONLY | os.O_APPEND, 0o666)
         self._end = 0
+        self._torn = False  # whether the file may be longer than that
         self._angles: NDArray[np.float64] | None = None
-        self._put(json.dumps(header).encode())
-        sync(folder)
+        self._before: tuple[int, NDArray[np.float64] | None] = 0, None
+        try:
+            self._put(json.dumps(header).encode())
+            sync(folder)
+        except BaseException:
+            self.close()
+            with suppress(OSError):
+                self.path.unlink()
+            raise
 
     def append(self, number: int, scan: Scan) -> None:
         """Write one scan; OSError if that fails, and then nothing of it is left."""
+        self._before = self._end, self._angles
         repeated = self._angles is not None and (
             self._angles is scan.angles or np.array_equal(self._angles, scan.angles)
         )
@@ -61,6 +71,13 @@ class JournalWriter:
         angles = b"" if repeated else scan.angles.tobytes()
         self._put(SCAN.pack(*head) + angles + scan.ranges.tobytes())
         self._angles = scan.angles
+
+    def take_back(self) -> None:
+        """Remove the scan that was appended last, which was refused."""
+        self._end, self._angles = self._before
+        self._torn = True
+        with suppress(OSError):  # then it is done before the next scan is written
+            self._mend()
 
     def sync(self) -> None:
         """Have the operating system put it on the disk."""
@@ -74,15 +91,24 @@ class JournalWriter:
 
     def _put(self, payload: bytes) -> None:
         record = FRAME.pack(len(payload), zlib.crc32(payload)) + payload
+        self._mend()
+        self._torn = True
         try:
             done = 0
             while done < len(record):
                 done += os.write(self._file, record[done:])
-        except OSError:
+        except BaseException:
             with suppress(OSError):
-                os.ftruncate(self._file, self._end)
+                self._mend()
             raise
         self._end += len(record)
+        self._torn = False
+
+    def _mend(self) -> None:
+        """Cut off what lies beyond the last whole record: nothing behind it would be read."""
+        if self._torn:
+            os.ftruncate(self._file, self._end)
+            self._torn = False
 
 
 @dataclass(frozen=True)
@@ -110,6 +136,11 @@ def read_journals(folder: Path) -> list[Journal]:
     return [read_journal(path) for path in sorted(folder.glob(f"*{SUFFIX}"))]
 
 
+def has_journals(folder: Path) -> bool:
+    """Whether a map has any."""
+    return any(folder.glob(f"*{SUFFIX}"))
+
+
 def remove_journals(folder: Path, before_scan: int | None = None) -> None:
     """Remove all journals of a map, or those that hold no scan from a number on: those that another one follows."""
     files = sorted(folder.glob(f"*{SUFFIX}"))
@@ -128,17 +159,24 @@ def read_journal(path: Path) -> Journal:
         payload = data[at + FRAME.size : at + FRAME.size + length]
         if length > LARGEST_PAYLOAD or len(payload) < length or zlib.crc32(payload) != crc:
             break
-        if at == 0:
-            header = json.loads(payload)
-        else:
-            try:
+        try:
+            if at == 0:
+                header = _to_header(payload)
+            else:
                 number, scan = _to_scan(payload, angles)
-            except (struct.error, ScanError, ValueError):
-                break
-            scans.append((number, scan))
-            angles = scan.angles
+                scans.append((number, scan))
+                angles = scan.angles
+        except (struct.error, ScanError, ValueError):  # such as zeros, which a power cut may leave: their CRC is 0
+            break
         at += FRAME.size + length
     return Journal(path, header, scans, len(data) - at)
+
+
+def _to_header(payload: bytes) -> dict[str, Any]:
+    header = json.loads(payload)
+    if not isinstance(header, dict) or not all(isinstance(header.get(key), of) for key, of in HEADER.items()):
+        raise ValueError("the first record of a journal names no session")
+    return {key: header[key] for key in HEADER}
 
 
 def _to_scan(payload: bytes, angles: NDArray[np.float64] | None) -> tuple[int, Scan]:

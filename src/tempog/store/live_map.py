@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import shutil
 import uuid
 from collections.abc import Iterable
 from datetime import UTC, datetime
@@ -31,6 +32,7 @@ from tempog.store.manifest import (
 from tempog.store.repair import repair
 from tempog.store.session_writer import SessionWriter
 from tempog.store.strand import as_one, strands_of
+from tempog.store.tables import sync
 from tempog.times import MAX_NS, NS_PER_S, parse_duration
 
 FLUSH_S = 30.0  # s of scans between two commits: few enough files, and little to replay after a crash
@@ -135,7 +137,7 @@ class LiveMap(Delegate):
     def _whole(self) -> History:
         if self._writer is None:
             return as_one(self.path, self._manifest, self._others)
-        self._writer.collect()
+        self._writer.collect(raising=False)  # what could not be committed is for `integrate` to say
         live = self._writer.live
         if not self._others:
             return live
@@ -222,8 +224,8 @@ class LiveMap(Delegate):
         segments = self._manifest.strands[strand] if strand < len(self._manifest.strands) else []
         first_scan = segments[-1].end_scan if segments else 0
         session = Session(name, robot, strand, first_scan, 0, stamp_ns, stamp_ns, self.config.to_dict(), sources)
-        del self._others[strand : strand + 1]
         writer = SessionWriter(self.path, self._manifest, session, **self._settings)
+        del self._others[strand : strand + 1]
         self.config = writer.live.config
         return writer
 
@@ -241,20 +243,37 @@ def _lock_or_make(path: Path, config: MapConfig | None) -> Lock:
     """The lock of an existing map, or of a new one that is empty."""
     if not path.name:
         raise MapError(f"{path}: a map needs a directory of its own; name one that does not exist yet")
+    empty = Manifest((config or MapConfig()).to_dict())
     try:
         if not path.exists():
-            unfinished = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.unfinished")
-            unfinished.mkdir(parents=True)
-            write_manifest(unfinished, Manifest((config or MapConfig()).to_dict()))
-            unfinished.rename(path)
-        elif path.is_dir() and not any(path.iterdir()):
-            write_manifest(path, Manifest((config or MapConfig()).to_dict()))
-        elif not (path / MANIFEST).is_file():
+            _make(path, empty)
+        is_empty = path.is_dir() and {file.name for file in path.iterdir()} <= {f"{MANIFEST}.unfinished"}
+        if not is_empty and not (path / MANIFEST).is_file():
             raise MapError(f"{path} exists and is not a tempog map, so it stays as it is; choose another name")
+        if not os.access(path, os.W_OK, effective_ids=os.access in os.supports_effective_ids):
+            raise MapError(f"{path}: the map cannot be written: this user may only read its directory")
+        lock = require_lock(path)
+        try:
+            if is_empty and not (path / MANIFEST).exists():
+                write_manifest(path, empty)
+            read_manifest(path)
+        except BaseException:
+            unlock_map(lock)
+            raise
     except OSError as error:
         raise MapError(f"{path}: the map could not be written: {error}") from error
-    read_manifest(path)
-    return require_lock(path)
+    return lock
+
+
+def _make(path: Path, manifest: Manifest) -> None:
+    unfinished = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.unfinished")
+    try:
+        unfinished.mkdir(parents=True)
+        write_manifest(unfinished, manifest)
+        unfinished.rename(path)
+        sync(path.parent)
+    finally:
+        shutil.rmtree(unfinished, ignore_errors=True)  # there only if it was not moved into place
 
 
 def _fitting(config: MapConfig | None, manifest: Manifest, path: Path) -> MapConfig:

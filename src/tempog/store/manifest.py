@@ -5,9 +5,10 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar, get_origin, get_type_hints
 
@@ -120,6 +121,8 @@ class Manifest:
         What was deleted, when, and how much it was.
     retired : dict of str to float
         Segments that were replaced, which readers may still hold, and when, in Unix seconds.
+    id : str
+        Of the map that was once made, so that no journal is taken for that of a map which replaced it.
     """
 
     config: dict[str, Any]
@@ -127,6 +130,7 @@ class Manifest:
     sessions: list[Session] = field(default_factory=list)
     pruned: list[dict[str, Any]] = field(default_factory=list)
     retired: dict[str, float] = field(default_factory=dict)
+    id: str = field(default_factory=lambda: uuid.uuid4().hex)
 
     @property
     def segments(self) -> list[Segment]:
@@ -151,6 +155,7 @@ class Manifest:
             "format": FORMAT,
             "format_version": FORMAT_VERSION,
             "tempog_version": __version__,
+            "id": self.id,
             "n_scans": self.n_scans,
             "n_intervals": self.n_intervals,
             "start_ns": min(start, default=None),
@@ -180,16 +185,14 @@ def read_manifest(root: Path) -> Manifest:
         )
     try:
         manifest = _from_format_1(root, document) if version == 1 else _from_dict(document)
-        MapConfig.from_dict(manifest.config)
+        _complete(manifest)
     except (KeyError, TypeError, AttributeError, ValueError, ConfigError) as error:
         what = f"no usable {error}" if isinstance(error, KeyError) else str(error)
         raise damaged(root, f"map.json: {what}") from error
-    for segment in manifest.segments:
-        folder = Path(segment.name)
-        if not is_format_1(segment.name) and (
-            len(folder.parts) != 2 or folder.parts[0] != SEGMENTS or ".." in folder.parts
-        ):
-            raise damaged(root, f"map.json names {segment.name!r} as a segment")
+    for name in (*(segment.name for segment in manifest.segments), *manifest.retired):
+        folder = Path(name)
+        if not is_format_1(name) and (len(folder.parts) != 2 or folder.parts[0] != SEGMENTS or ".." in folder.parts):
+            raise damaged(root, f"map.json names {name!r} as a segment")
     return manifest
 
 
@@ -210,12 +213,18 @@ def read_document(root: Path) -> dict[str, Any]:
 
 
 def write_manifest(root: Path, manifest: Manifest) -> None:
-    """The moment a change counts: one rename."""
+    """The moment a change counts: one rename; OSError if it does not count."""
     unfinished = root / f"{MANIFEST}.unfinished"
-    unfinished.write_text(json.dumps(manifest.to_dict(), indent=1) + "\n", encoding="utf-8")
-    sync(unfinished)
-    unfinished.replace(root / MANIFEST)
-    sync(root)
+    try:
+        unfinished.write_text(json.dumps(manifest.to_dict(), indent=1) + "\n", encoding="utf-8")
+        sync(unfinished)
+        unfinished.replace(root / MANIFEST)
+    except OSError:
+        with suppress(OSError):
+            unfinished.unlink()
+        raise
+    with suppress(OSError):  # it counts already
+        sync(root)
 
 
 def damaged(root: Path, what: str) -> MapError:
@@ -250,7 +259,10 @@ def try_lock(root: Path) -> Lock | None:
     """The lock of writers, or None if another process has it."""
     if fcntl is None:
         return NO_LOCK
-    descriptor = os.open(root, os.O_RDONLY)
+    try:
+        descriptor = os.open(root, os.O_RDONLY)
+    except OSError as error:
+        raise MapError(f"{root}: the map cannot be kept from being written by others: {error}") from error
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
@@ -267,27 +279,39 @@ def unlock_map(lock: Lock) -> None:
 
 def _from_dict(document: dict[str, Any]) -> Manifest:
     return Manifest(
-        _checked(document["config"], dict),
-        [[_made(Segment, segment) for segment in strand] for strand in _checked(document["strands"], list)],
-        [_made(Session, session) for session in _checked(document["sessions"], list)],
-        _checked(document["pruned"], list),
-        _checked(document["retired"], dict),
+        _entry(document, "config", dict),
+        [[_made(Segment, segment) for segment in strand] for strand in _entry(document, "strands", list)],
+        [_made(Session, session) for session in _entry(document, "sessions", list)],
+        _entry(document, "pruned", list),
+        _entry(document, "retired", dict),
+        _entry(document, "id", str),
     )
+
+
+def _complete(manifest: Manifest) -> None:
+    """Check what entries say of each other; settings that are not given are the default ones."""
+    manifest.config = MapConfig.from_dict(manifest.config).to_dict()
+    manifest.sessions = [replace(one, config=MapConfig.from_dict(one.config).to_dict()) for one in manifest.sessions]
+    for session in manifest.sessions:
+        if not 0 <= session.strand < len(manifest.strands):
+            raise ValueError(f"session {session.id!r} is in strand {session.strand}, which does not exist")
+    if not all(isinstance(when, int | float) for when in manifest.retired.values()):
+        raise KeyError("retired")
 
 
 def _from_format_1(root: Path, document: dict[str, Any]) -> Manifest:
     """A map of one folder whose table of intervals holds those that may go on, too."""
-    name, n_cells = _checked(document["data"], str), _checked(document["n_cells"], int)
+    name, n_cells = _entry(document, "data", str), _entry(document, "n_cells", int)
     if not is_format_1(name) or not (root / name).is_dir():
         raise ValueError(f"it names {name!r} as its data folder")
-    config, n_scans = _checked(document["config"], dict), _checked(document["n_scans"], int)
-    sources, n_intervals = _checked(document["sources"], list), _checked(document["n_intervals"], int)
+    config, n_scans = _entry(document, "config", dict), _entry(document, "n_scans", int)
+    sources, n_intervals = _entry(document, "sources", list), _entry(document, "n_intervals", int)
     if not n_scans:
-        return Manifest(config)
+        return Manifest(config, id=name)
     n_bytes = sum(file.stat().st_size for file in (root / name).iterdir())
-    period = (_checked(document["start_ns"], int), _checked(document["stop_ns"], int))
+    period = (_entry(document, "start_ns", int), _entry(document, "stop_ns", int))
     segment = Segment(name, 0, n_scans, *period, n_intervals - n_cells, n_cells, True, n_bytes)
-    return Manifest(config, [[segment]], [Session("1", "", 0, 0, n_scans, *period, config, sources)])
+    return Manifest(config, [[segment]], [Session("1", "", 0, 0, n_scans, *period, config, sources)], id=name)
 
 
 def is_format_1(name: str) -> bool:
@@ -298,13 +322,14 @@ def is_format_1(name: str) -> bool:
 T = TypeVar("T")
 
 
-def _checked(value: object, kind: type[T]) -> T:
+def _entry(values: dict[str, Any], name: str, kind: type[T]) -> T:
+    value = values[name]
     if not isinstance(value, kind):
-        raise TypeError(f"{value!r} where {kind.__name__} was wanted")
+        raise KeyError(name)
     return value
 
 
 def _made(kind: type[T], values: dict[str, Any]) -> T:
     hints = get_type_hints(kind)
-    checked = {name: _checked(values[name], get_origin(hint) or hint) for name, hint in hints.items()}
+    checked = {name: _entry(values, name, get_origin(hint) or hint) for name, hint in hints.items()}
     return kind(**checked)

@@ -9,7 +9,7 @@ from pathlib import Path
 from tempog.errors import MapError, TempogError
 from tempog.grid.mapper import Mapper
 from tempog.scans.scan import Scan
-from tempog.store.journal import Journal, read_journals, remove_journals
+from tempog.store.journal import Journal, has_journals, read_journals, remove_journals
 from tempog.store.live_strand import LiveStrand
 from tempog.store.manifest import (
     JOURNAL,
@@ -34,20 +34,15 @@ def open_strands(root: Path) -> tuple[Manifest, AnyStrands, list[str]]:
     Scans that a crash left in the journal are committed, unless a process is writing the map just now. If the map
     cannot be written, they are mapped in memory.
     """
-    manifest = read_manifest(root)
     notes: list[str] = []
-    try:
-        journals = read_journals(root / JOURNAL)
-    except OSError as error:
-        raise MapError(f"{root}: its journal cannot be read: {error}") from error
-    if journals and (lock := try_lock(root)) is not None:
+    if has_journals(root / JOURNAL) and (lock := try_lock(root)) is not None:
         try:
             notes = repair(root)
         except MapError as error:
-            return _in_memory(root, journals, str(error))
+            return _in_memory(root, _journals_of(root, read_manifest(root)), str(error))
         finally:
             unlock_map(lock)
-        manifest = read_manifest(root)
+    manifest = read_manifest(root)
     return manifest, [*strands_of(root, manifest)], notes
 
 
@@ -61,7 +56,7 @@ def repair(root: Path) -> list[str]:
     """
     manifest, notes = read_manifest(root), []
     try:
-        journals = read_journals(root / JOURNAL)
+        journals = _journals_of(root, manifest)
         removed = _remove_debris(root, manifest)
         todo = _to_replay(journals, manifest)
         if todo is not None:
@@ -88,6 +83,8 @@ def _in_memory(root: Path, journals: Sequence[Journal], why: str) -> tuple[Manif
     writer = SessionWriter(root, manifest, session, at_once=False)
     n_scans = _integrate_all(writer.live.mapper, scans)
     writer.abandon()
+    if not n_scans:
+        return manifest, strands, _lost(journals)
     strands[session.strand : session.strand + 1] = [writer.live]
     stamps_ns = writer.live.stamps_ns
     manifest.sessions = [one for one in manifest.sessions if one.id != session.id] + [
@@ -106,15 +103,24 @@ def _in_memory(root: Path, journals: Sequence[Journal], why: str) -> tuple[Manif
     return manifest, strands, [f"{n_scans} scans are in the journal only: {why}", *_lost(journals)]
 
 
+def _journals_of(root: Path, manifest: Manifest) -> list[Journal]:
+    """The journals of a map, not those of a map that it replaced."""
+    try:
+        journals = read_journals(root / JOURNAL)
+    except OSError as error:
+        raise MapError(f"{root}: its journal cannot be read: {error}") from error
+    return [journal for journal in journals if journal.header.get("map", manifest.id) == manifest.id]
+
+
 def _to_replay(journals: Sequence[Journal], manifest: Manifest) -> tuple[Session, list[tuple[int, Scan]]] | None:
     """The session whose journals are there, and those of its scans that were not committed."""
-    journals = [journal for journal in journals if journal.header]
-    if not journals:
+    headers = [journal.header for journal in journals if journal.header]
+    if not headers:
         return None
-    header = journals[-1].header
+    header = {name: value for name, value in headers[-1].items() if name != "map"}
     segments = manifest.strands[header["strand"]] if header["strand"] < len(manifest.strands) else []
     end = segments[-1].end_scan if segments else 0
-    mine = [journal for journal in journals if journal.header["id"] == header["id"]]
+    mine = [journal for journal in journals if journal.header.get("id") == header["id"]]
     scans = [(number, scan) for journal in mine for number, scan in journal.scans if number >= end]
     if not scans:
         return None
@@ -125,8 +131,9 @@ def _to_replay(journals: Sequence[Journal], manifest: Manifest) -> tuple[Session
 
 
 def _integrate_all(mapper: Mapper, scans: Sequence[tuple[int, Scan]]) -> int:
-    """Integrate scans of a journal but for those that were refused then, and so are now; returns how many."""
+    """Integrate scans of a journal; returns how many. The last one may be refused, if a crash came before it was."""
     before = mapper.n_scans
+    mapper.gap_judged = True  # it was found to fit when the scans were taken in
     for _, scan in scans:
         try:
             mapper.integrate(scan)

@@ -7,7 +7,7 @@ import os
 import shutil
 import uuid
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from tempog.grid.history import History
 from tempog.grid.merged import Merged
 from tempog.scans.scan import Scan, ScanLog
 from tempog.sensing.surfaces import SurfaceMemory
+from tempog.store.journal import read_journals
 from tempog.store.manifest import (
     JOURNAL,
     MANIFEST,
@@ -289,10 +290,15 @@ def check_target(root: Path, force: bool) -> bool:
 def clear_other_files(root: Path) -> None:
     """Remove what map.json does not name: what was replaced, or was not completed."""
     try:
-        named = {segment.name for segment in read_manifest(root).segments}
+        manifest = read_manifest(root)
     except MapError:  # of a newer tempog: nothing here is known
         return
-    (root / f"{MANIFEST}.unfinished").unlink(missing_ok=True)
-    for folder in [*root.glob("data-*"), *root.glob(f"{SEGMENTS}/*"), root / JOURNAL]:
+    named = {segment.name for segment in manifest.segments} | set(manifest.retired)
+    with suppress(OSError):
+        (root / f"{MANIFEST}.unfinished").unlink(missing_ok=True)
+        for journal in read_journals(root / JOURNAL):
+            if journal.header.get("map") != manifest.id:
+                journal.path.unlink()
+    for folder in [*root.glob("data-*"), *root.glob(f"{SEGMENTS}/*")]:
         if folder.relative_to(root).as_posix() not in named:
             shutil.rmtree(folder, ignore_errors=True)

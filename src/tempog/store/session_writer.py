@@ -10,11 +10,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from tempog.config import MapConfig
-from tempog.errors import MapError
+from tempog.errors import MapError, ScanError
 from tempog.grid.mapper import Mapper, MapState
 from tempog.scans.scan import Scan
 from tempog.store.committer import Committed, Committer
-from tempog.store.journal import JournalWriter, remove_journals
+from tempog.store.journal import HEADER, JournalWriter, remove_journals
 from tempog.store.live_strand import LiveStrand
 from tempog.store.manifest import JOURNAL, Manifest, Session
 from tempog.store.segment_files import Content, hits_of
@@ -77,9 +77,11 @@ class SessionWriter:
         self._flushed_scan, self._flushed_tiles = mapper.n_scans, mapper.tiles.n_tiles
         self._flushed_hits = mapper.surfaces.hit_count[: mapper.surfaces.n_slots].copy()
         self._flushed_ns = self._synced_ns = session.stop_ns
+        self._not_before_ns = disk.segments[-1].stop_ns if disk.segments else -MAX_NS
         self._n_changed = 0  # open intervals written since the last time that all were
         self._digest = hashlib.sha256()
         self._futures: deque[Future[Committed]] = deque()
+        self._failure: MapError | None = None
         self._committer = Committer(root, manifest, session, at_once)
         self._journal = self._new_journal() if journal else None
 
@@ -92,25 +94,21 @@ class SessionWriter:
         """Add one scan; see `LiveMap.integrate`."""
         self.collect()
         mapper = self.live.mapper
-        if self._journal is not None:
-            try:
-                self._journal.append(mapper.n_scans, scan)
-            except OSError as error:
-                raise MapError(f"{self.root}: the scan could not be kept: {error}") from error
-        mapper.integrate(scan)
+        if mapper.n_scans == self.session.first_scan and scan.stamp_ns < self._not_before_ns:
+            raise ScanError(f"{scan.label or 'the scan'} at {scan.t:.3f} s is earlier than the session before it")
+        if scan.stamp_ns - self._flushed_ns >= self._flush_ns or self.live.n_fresh >= FLUSH_INTERVALS:
+            self._submit()  # before the scan: if there is no room for it, the scan was not taken in
+        if self._journal is None:
+            mapper.integrate(scan)
+        else:
+            self._integrate_and_keep(self._journal, scan)
         if not self._at_once:
             self._digest.update(scan.to_bytes())
-        if scan.stamp_ns - self._flushed_ns >= self._flush_ns or self.live.n_fresh >= FLUSH_INTERVALS:
-            self._submit()
-        elif self._journal is not None and scan.stamp_ns - self._synced_ns >= SYNC_NS:
-            self._synced_ns = scan.stamp_ns
-            self._committer.run(self._journal.sync)
 
     def flush(self) -> None:
         """Commit what was mapped, and wait until that is done."""
         self._submit()
-        if not self._futures:
-            self._futures.append(self._committer.retry())
+        self._futures.append(self._committer.retry())
         self.collect(wait=True)
 
     def close(self) -> None:
@@ -131,10 +129,19 @@ class SessionWriter:
         if self._journal is not None:
             self._journal.close()
 
-    def collect(self, wait: bool = False) -> None:
-        """Take note of the commits that are done; MapError if one failed, which is tried again with the next."""
+    def collect(self, wait: bool = False, raising: bool = True) -> None:
+        """Take note of the commits that are done.
+
+        MapError if the latest one failed, now or when this is next called with `raising`; it is tried again with the
+        next one.
+        """
         while self._futures and (wait or self._futures[0].done()):
-            segments, added = self._futures.popleft().result()
+            try:
+                segments, added = self._futures.popleft().result()
+            except MapError as error:
+                self._failure = error
+                continue
+            self._failure = None
             disk = self.live.disk
             disk.replace_segments(segments)
             for segment, sealed in added:
@@ -143,12 +150,29 @@ class SessionWriter:
             end = segments[-1].end_scan if segments else 0
             self.live.pending = [one for one in self.live.pending if one.end_scan > end]
             self.live.mapper.forget_scans(end)
+        if raising and self._failure is not None:
+            failure, self._failure = self._failure, None
+            raise failure
+
+    def _integrate_and_keep(self, journal: JournalWriter, scan: Scan) -> None:
+        mapper = self.live.mapper
+        try:
+            journal.append(mapper.n_scans, scan)
+        except OSError as error:
+            raise MapError(f"{self.root}: the scan could not be kept: {error}") from error
+        try:
+            mapper.integrate(scan)
+        except BaseException:
+            journal.take_back()
+            raise
+        if scan.stamp_ns - self._synced_ns >= SYNC_NS:
+            self._synced_ns = scan.stamp_ns
+            self._committer.run(journal.sync)
 
     def _new_journal(self) -> JournalWriter:
         session = self._committer.session
-        header = {
-            name: getattr(session, name) for name in ("id", "robot", "strand", "first_scan", "config", "sources")
-        }
+        of_session = {name: getattr(session, name) for name in HEADER if name != "map"}
+        header = {"map": self._committer.manifest.id, **of_session}
         try:
             return JournalWriter(self.root / JOURNAL, self.live.mapper.n_scans, header)
         except OSError as error:

@@ -116,12 +116,13 @@ def read_masks(path: Path) -> NDArray[np.uint8]:
 
 
 def sync(path: Path) -> None:
-    """Have the operating system put a file or directory on the disk."""
+    """Have the operating system put a file or directory on the disk; OSError if it cannot."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
-    except OSError:  # some file systems cannot sync directories
-        pass
+    except OSError:
+        if not path.is_dir():  # some file systems cannot sync directories
+            raise
     finally:
         os.close(descriptor)
 

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from fed_grid import as_dict, empty_grid, feed, grid_of, intervals_of, moment
 from oracle import paper
+from same_answers import assert_same_surfaces, moments_of_interest
 from strategies import STREAM_CELLS, STREAM_PROBS, Stream, odd_poses, odd_scans, streams
 from tempog.analysis.dynamics import FALLBACK_LOOK_S, map_dynamics
 from tempog.analysis.occupancy import CLAMP_PROB_HIGH, CLAMP_PROB_LOW, occupancy_grid
@@ -38,12 +39,6 @@ TIE_M = 1e-7  # m; beams that meet a cell's corner more closely than this are ro
 
 def oracle_of(stream: Stream) -> dict:
     return paper.build_grid(stream.measurements, stream.gap_ns, stream.tolerance)
-
-
-def moments_of_interest(stamps: list[int]) -> list[int]:
-    """Every stamp, the nanoseconds beside it, and times far outside."""
-    beside = {stamp + off for stamp in stamps for off in (-1, 0, 1)}
-    return sorted(beside | {stamps[0] - 10**10, stamps[-1] + 10**10})
 
 
 def look_ns(stamps: list[int]) -> float:
@@ -367,15 +362,7 @@ def test_a_saved_map_of_real_scans_has_their_poses_and_hit_points(scans):
     try:
         saved = open_map(save_map(grid, folder / "map"))
         np.testing.assert_array_equal(saved.poses, grid.poses)
-        n = grid.surfaces.n_slots
-        assert saved.surfaces.n_slots == n
-        cells = grid.surfaces.cell_of_slot[:n]
-        slots = saved.surfaces.slot_of_cell[cells]
-        np.testing.assert_array_equal(saved.surfaces.cell_of_slot[slots], cells)
-        for name in ("hit_count", "moments"):
-            np.testing.assert_array_equal(getattr(saved.surfaces, name)[slots], getattr(grid.surfaces, name)[:n])
-        unhit = np.setdiff1d(np.arange(grid.tiles.n_cells), cells)
-        np.testing.assert_array_equal(saved.surfaces.slot_of_cell[unhit], grid.surfaces.slot_of_cell[unhit])
+        assert_same_surfaces(saved.surfaces, grid.surfaces)
     finally:
         shutil.rmtree(folder)
 

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from unittest.mock import patch
+
 import numpy as np
 
 from strategies import Stream
 from tempog.config import GridConfig, MapConfig
+from tempog.grid import mapper
 from tempog.grid.temporal_grid import TemporalGrid
 from tempog.scans.scan import Scan
 from tempog.sensing.evidence import Statements
 from tempog.sensing.tiles import NO_CELL, TILE, CellBox
+from tempog.store.live_map import LiveMap
 
 
 class FedSensor:
@@ -37,16 +43,36 @@ class FedSensor:
         return tiles.cell_number(row, col)
 
 
+def config_of(stream: Stream, resolution_m: float = GridConfig.resolution_m) -> MapConfig:
+    """How `stream` is to be mapped."""
+    return MapConfig(grid=GridConfig(resolution_m, gap_s=stream.gap_ns / 1e9, tolerance=stream.tolerance))
+
+
 def empty_grid(stream: Stream, resolution_m: float = GridConfig.resolution_m) -> TemporalGrid:
     """A grid that listens to `stream`, whatever the time between its scans."""
-    settings = GridConfig(resolution_m, gap_s=stream.gap_ns / 1e9, tolerance=stream.tolerance)
-    grid = TemporalGrid(MapConfig(grid=settings))
+    grid = TemporalGrid(config_of(stream, resolution_m))
     grid._mapper.sensor = FedSensor(stream)
     grid._mapper.gap_judged = True
     return grid
 
 
-def feed(grid: TemporalGrid, stamp_ns: int, x: float = 0.0, y: float = 0.0) -> None:
+@contextmanager
+def listening(stream: Stream) -> Iterator[None]:
+    """Every map that begins to be mapped meanwhile listens to `stream`, one after the other.
+
+    Their gap thresholds are judged by the scans unless they are told a scan period.
+    """
+    sensor = FedSensor(stream)
+    with patch.object(mapper, "Sensor", lambda config: sensor):
+        yield
+
+
+def begin_session(grid: TemporalGrid) -> None:
+    """No interval of `grid` reaches over this moment."""
+    grid._mapper._session_start = grid.n_scans
+
+
+def feed(grid: TemporalGrid | LiveMap, stamp_ns: int, x: float = 0.0, y: float = 0.0) -> None:
     """Integrate the stream's next scan."""
     grid.integrate(Scan(0.0, (x, y, 0.0), [], [], stamp_ns=stamp_ns))
 

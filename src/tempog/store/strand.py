@@ -142,7 +142,8 @@ class Strand(History):
         yield self.state_after(since)
         yield from self.sealed_runs(since, until)
         if until > since:
-            yield self._part(self.segments[until - 1].name, lambda: self._changes(since, until))
+            of = f"{self.segments[since].name}/{self.segments[until - 1].name}"
+            yield self._part(of, lambda: self._changes(since, until))
 
     def runs_of_cells(self, first_cell: int, end_cell: int) -> Iterator[Runs]:
         """The intervals of cells in a range of numbers, and others."""

@@ -1,0 +1,177 @@
+"""A map on disk, live or opened, answers what a grid in memory answers that was fed the same."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from unittest.mock import patch
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fed_grid import begin_session, config_of, empty_grid, feed, listening, moment
+from same_answers import (
+    HOLDS,
+    assert_same_analyses,
+    assert_same_cells,
+    assert_same_changes,
+    assert_same_intervals,
+    assert_same_series,
+    assert_same_states,
+    moments_of_interest,
+)
+from strategies import STREAM_CELLS, Stream, streams
+from tempog.errors import EmptyWindowError
+from tempog.grid.history import History
+from tempog.grid.temporal_grid import TemporalGrid
+from tempog.store import committer, session_writer, strand, tables
+from tempog.store.live_map import LiveMap
+from tempog.store.saved_map import open_map
+
+QUICK = settings(max_examples=40, deadline=None, derandomize=True)
+UNSEEN = (5, 5)
+ANY_SCANS_S = 1e-9  # s; a scan period that no gap threshold is too short for
+WINDOWS = st.sampled_from([None, 1e-9, 0.05, 0.5, 3.0])
+
+
+@contextlib.contextmanager
+def a_folder() -> Iterator[Path]:
+    """A folder, on a disk that need not be waited for."""
+    folder = Path(tempfile.mkdtemp())
+    try:
+        with patch.object(os, "fsync", lambda descriptor: None):
+            yield folder
+    finally:
+        shutil.rmtree(folder)
+
+
+@contextlib.contextmanager
+def small_segments(fanout: int, intervals: int, rows: int = 3) -> Iterator[None]:
+    """Segments are merged early, and are read in small pieces."""
+    with (
+        patch.object(committer, "FANOUT", fanout),
+        patch.object(committer, "SEGMENT_INTERVALS", intervals),
+        patch.object(tables, "ROWS_PER_GROUP", rows),
+        patch.object(strand, "HELD_STATES", 1),
+    ):
+        yield
+
+
+def ask(data: st.DataObject, got: History, wanted: History, stamps: list[int]) -> None:
+    """One question of any kind, at any time."""
+    moments = st.sampled_from(moments_of_interest(stamps))
+    hold = st.sampled_from(HOLDS)
+    question = data.draw(st.sampled_from(["at", "at", "window", "area", "cells", "changes", "whole", "intervals"]))
+    if question == "at":
+        assert_same_states(got, wanted, data.draw(moments), data.draw(hold))
+    elif question == "cells":
+        assert_same_cells(got, wanted, [*STREAM_CELLS, UNSEEN])
+    elif question == "changes":
+        some_hold = data.draw(st.sampled_from([0.0, 0.1505, math.inf]))
+        assert_same_changes(got, wanted, data.draw(moments), data.draw(moments), some_hold)
+    elif question == "whole":
+        assert_same_analyses(got, wanted)
+        assert_same_series(got, wanted)
+    elif question == "intervals":
+        assert_same_intervals(got, wanted)
+    else:
+        parts = [got, wanted]
+        for kind in data.draw(st.sampled_from([["window"], ["area"], ["window", "area"], ["area", "window"]])):
+            if kind == "area":
+                bounds = data.draw(st.sampled_from([(0.0, 0.3, 0.0, 0.3), (-0.4, 0.1, -20.0, 0.2)]))
+                how = {"x_min": bounds[0], "x_max": bounds[1], "y_min": bounds[2], "y_max": bounds[3]}
+                parts = same_parts(parts, "area", **how)
+            else:
+                t0, t1 = sorted((data.draw(moments), data.draw(moments)))
+                parts = same_parts(parts, "window", t0=moment(t0), t1=moment(t1))
+            if not parts:
+                return
+        assert_same_analyses(*parts)
+        assert_same_series(*parts)
+        assert_same_cells(*parts, [*STREAM_CELLS, UNSEEN])
+        assert_same_states(*parts, data.draw(moments), data.draw(hold))
+
+
+def same_parts(histories: list[History], kind: str, **how) -> list[History]:
+    """A part of each of two histories; none if neither has it."""
+    parts = []
+    for history in histories:
+        with contextlib.suppress(EmptyWindowError):
+            parts.append(getattr(history, kind)(**how))
+    assert len(parts) in (0, len(histories))
+    return parts
+
+
+def ask_all(data: st.DataObject, got: History, wanted: History, stamps: list[int]) -> None:
+    """The questions that tell most, then any."""
+    for t_ns in moments_of_interest(stamps)[::3]:
+        assert_same_states(got, wanted, t_ns, math.inf)
+    assert_same_intervals(got, wanted)
+    for _ in range(4):
+        ask(data, got, wanted, stamps)
+
+
+def map_live(data: st.DataObject, stream: Stream, path: Path, grid: TemporalGrid) -> None:
+    """Integrate a stream into a map on disk and into a grid, in some sessions, and ask both all the way."""
+    what_next = st.sampled_from(["go on"] * 4 + ["flush", "flush", "ask", "new session"])
+    live, session = None, 0
+    for k, stamp_ns in enumerate(stream.stamps_ns):
+        if live is None:
+            window, flush_s = data.draw(WINDOWS), data.draw(st.sampled_from([0.15, 2.0, 1e6]))
+            how = {"window": window, "flush_s": flush_s, "scan_period_s": ANY_SCANS_S}
+            live = LiveMap(path, config_of(stream), session=str(session), journal=data.draw(st.booleans()), **how)
+            begin_session(grid)
+        feed(live, stamp_ns, x=k)
+        feed(grid, stamp_ns, x=k)
+        then = data.draw(what_next)
+        if then == "flush":
+            live.flush()
+        elif then == "ask":
+            ask(data, live, grid, stream.stamps_ns[: k + 1])
+        elif then == "new session":
+            live.close()
+            if data.draw(st.booleans()):
+                ask(data, live, grid, stream.stamps_ns[: k + 1])
+            live, session = None, session + 1
+    if live is not None:
+        ask_all(data, live, grid, stream.stamps_ns)
+        live.close()
+        ask_all(data, live, grid, stream.stamps_ns)
+
+
+@given(streams(), st.sampled_from([2, 3, 8]), st.sampled_from([4, 20, 2**21]), st.data())
+@QUICK
+def test_a_live_map_and_the_map_it_leaves_answer_as_the_grid(stream, fanout, intervals, data):
+    with a_folder() as folder, small_segments(fanout, intervals):
+        grid = empty_grid(stream)
+        with listening(stream):
+            map_live(data, stream, folder / "map", grid)
+        saved = open_map(folder / "map")
+        assert saved.repaired == []
+        ask_all(data, saved, grid, stream.stamps_ns)
+        ask_all(data, open_map(folder / "map"), grid, stream.stamps_ns)
+
+
+@given(streams(), st.data())
+@settings(QUICK, max_examples=15)
+def test_a_session_that_is_added_as_a_whole_answers_as_the_grid(stream, data):
+    with (
+        a_folder() as folder,
+        small_segments(2, 8),
+        patch.object(session_writer, "FLUSH_INTERVALS", data.draw(st.integers(1, 9))),
+    ):
+        grid = empty_grid(stream)
+        with (
+            listening(stream),
+            LiveMap(folder / "map", config_of(stream), at_once=False, scan_period_s=ANY_SCANS_S) as live,
+        ):
+            for stamp_ns in stream.stamps_ns:
+                feed(live, stamp_ns)
+                feed(grid, stamp_ns)
+            assert open_map(folder / "map").n_scans == 0
+        ask_all(data, open_map(folder / "map"), grid, stream.stamps_ns)

@@ -175,3 +175,25 @@ def test_a_session_that_is_added_as_a_whole_answers_as_the_grid(stream, data):
                 feed(grid, stamp_ns)
             assert open_map(folder / "map").n_scans == 0
         ask_all(data, open_map(folder / "map"), grid, stream.stamps_ns)
+
+
+def test_a_later_session_may_have_a_longer_gap_threshold(tmp_path):
+    """What was mapped with it is interrupted for longer than the map's own allows."""
+    second = 10**9
+    stamps = [0, 10 * second, 12 * second, 19 * second]
+    said = [[((0, 0), 0.9)], [((0, 0), 0.9)], [((0, 7), 0.9)], [((0, 0), 0.9)]]
+    stream = Stream(stamps, said, 9 * second, 0.0)
+    grid = empty_grid(stream)
+    with listening(stream):
+        for number, (gap_ns, scans) in enumerate([(second, stamps[:1]), (9 * second, stamps[1:])]):
+            how = {"session": str(number), "scan_period_s": ANY_SCANS_S}
+            with LiveMap(tmp_path / "map", config_of(Stream([], [], gap_ns, 0.0)), **how) as live:
+                begin_session(grid)
+                for stamp_ns in scans:
+                    feed(live, stamp_ns)
+                    feed(grid, stamp_ns)
+                    live.flush()
+                history = live if number else None
+    for got in (history, open_map(tmp_path / "map")):
+        for t_ns in moments_of_interest(stamps):
+            assert_same_states(got, grid, t_ns, None)

@@ -69,6 +69,7 @@ class SessionWriter:
         mapper = Mapper(
             MapConfig.from_dict(session.config), scan_period_s=scan_period_s, state=_state(disk, session.first_scan)
         )
+        disk.longest_gap_s = max(disk.longest_gap_s, mapper.gap_s)
         session = replace(session, config=mapper.config.to_dict())
         if not manifest.segments:
             manifest.config = session.config

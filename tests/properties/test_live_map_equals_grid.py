@@ -7,6 +7,7 @@ import math
 import os
 import shutil
 import tempfile
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from unittest.mock import patch
@@ -175,6 +176,25 @@ def test_a_session_that_is_added_as_a_whole_answers_as_the_grid(stream, data):
                 feed(grid, stamp_ns)
             assert open_map(folder / "map").n_scans == 0
         ask_all(data, open_map(folder / "map"), grid, stream.stamps_ns)
+
+
+def test_commits_that_waited_for_each_other_are_not_taken_for_each_other(tmp_path):
+    """While the disk is slow several are handed over, and then written at one go."""
+    stamps = [k * 10**9 for k in range(5)]
+    stream = Stream(stamps, [[((0, 0), 0.9 if k % 2 else 0.1), ((0, 7), 0.5)] for k in range(5)], 10**9, 0.1)
+    grid, disk_is_free = empty_grid(stream), threading.Event()
+    with listening(stream):
+        live = LiveMap(tmp_path / "map", config_of(stream), flush_s=0.5, scan_period_s=ANY_SCANS_S)
+        for k, stamp_ns in enumerate(stamps):
+            feed(live, stamp_ns)
+            feed(grid, stamp_ns)
+            if k == 0:
+                live.flush()
+                live._writer._committer.run(disk_is_free.wait)
+    disk_is_free.set()
+    live.flush()
+    assert_same_intervals(live, grid)
+    live.close()
 
 
 def test_a_later_session_may_have_a_longer_gap_threshold(tmp_path):

@@ -150,8 +150,7 @@ class Merged(History):
         rows = (cell[order], first[order], last[order], value[order])
         out_cell, out_first, out_last = np.empty((3, 2 * len(cell)), dtype=np.int32)
         out_value = np.empty(2 * len(cell), dtype=np.float32)
-        tolerance = np.float32(self.config.grid.tolerance)
-        n = overlay(*rows, tolerance, out_cell, out_first, out_last, out_value)
+        n = overlay(*rows, out_cell, out_first, out_last, out_value)
         return Runs.of(out_cell[:n].copy(), out_first[:n].copy(), out_last[:n].copy(), out_value[:n].copy())
 
     def _known(self, key: object, make: Callable[[], Runs]) -> Runs:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -61,7 +63,7 @@ def test_overlaid_intervals_are_those_of_the_oracle(cells):
 @QUICK
 def test_at_each_scan_the_state_that_began_latest_counts(parts):
     (got,) = overlaid([parts])
-    assert all(last < first for (_, last, _), (first, _, _) in zip(got, got[1:], strict=False))
+    assert all(last < first for (_, last, _), (first, _, _) in pairwise(got))
     states = {scan: value for first, last, value in got for scan in range(first, last + 1)}
     for scan in range(80):
         state = latest_begun(parts, scan)

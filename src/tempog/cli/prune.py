@@ -65,7 +65,7 @@ def prune(
             f" {saved.format_moment(before_ns)}, go for ever; the last states of"
             f" {counted(gone.n_kept, 'cell', 'cells')} that nobody saw since {kept}."
         )
-    if not dry_run and gone.n_scans:
+    if not dry_run and (gone.n_scans or gone.n_intervals):
         if not yes and not (sys.stdin.isatty() and typer.confirm("Delete?")):
             raise ConfigError("nothing was deleted; add --yes to delete without being asked")
         with status(f"pruning {map_path}", wants_progress(quiet or json)):

@@ -143,7 +143,7 @@ def prune(path: str | os.PathLike[str], before_ns: int, *, forget: bool = False,
             sum(plan.n_intervals for plan in plans.values()),
             sum(plan.n_kept for plan in plans.values()),
         )
-        if dry_run or not gone.n_scans:
+        if dry_run or not (gone.n_scans or gone.n_intervals):
             return gone
         for number, plan in plans.items():
             manifest.strands[number] = plan.written()
@@ -265,6 +265,7 @@ def merge(paths: Sequence[str | os.PathLike[str]], output: str | os.PathLike[str
         merged = Manifest(read_manifest(roots[0]).config)
         resolution_m = merged.config["grid"]["resolution_m"]
         for root in roots:
+            read_manifest(root)
             with only_writer(root):
                 repair(root)
                 manifest = read_manifest(root)

@@ -10,43 +10,20 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import matplotlib.image
 import numpy as np
 import pytest
 
 from tempog import open_map
-from tempog.cli.app import run
 from tempog.scans.npz import write_npz
 from tempog.simulation import corridor, simulate
 
 DATA = Path(__file__).parents[3] / "shared/data/laser_logs"
 
 
-class Result(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-Tempog = Callable[..., Result]
-
-
-@pytest.fixture
-def tempog(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Tempog:
-    def call(*words: object) -> Result:
-        monkeypatch.setattr(sys, "argv", ["tempog", *(str(word) for word in words)])
-        capsys.readouterr()
-        code = 0
-        try:
-            run()
-        except SystemExit as stop:
-            code = int(stop.code or 0)
-        captured = capsys.readouterr()
-        return Result(code, captured.out, captured.err)
-
-    return call
+Tempog = Callable[..., Any]
 
 
 @pytest.fixture(scope="module")

@@ -75,7 +75,7 @@ def section(child: Path, quick: bool) -> Section:
     table.notes += [
         "A kill loses nothing that the operating system was handed; only a power cut does, and that is what the calls"
         " to fsync are for. Power cuts were not tried.",
-        "Not whole: does not open, misses a commit that was acknowledged, shows half of one, or cannot go on.",
+        "Not whole: does not open, misses a commit that was acknowledged, shows part of one, or is stuck.",
         "Debris: files that the newest version does not name. Segments remove them when next opened to write;"
         " Delta Lake at the next full vacuum.",
     ]

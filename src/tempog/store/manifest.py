@@ -302,12 +302,12 @@ def _complete(manifest: Manifest) -> None:
 def _from_format_1(root: Path, document: dict[str, Any]) -> Manifest:
     """A map of one folder whose table of intervals holds those that may go on, too."""
     name, n_cells = _entry(document, "data", str), _entry(document, "n_cells", int)
-    if not is_format_1(name) or not (root / name).is_dir():
-        raise ValueError(f"it names {name!r} as its data folder")
     config, n_scans = _entry(document, "config", dict), _entry(document, "n_scans", int)
     sources, n_intervals = _entry(document, "sources", list), _entry(document, "n_intervals", int)
     if not n_scans:
-        return Manifest(config, id=name)
+        return Manifest(config, id=name)  # its tables are empty, and may have been removed
+    if not is_format_1(name) or not (root / name).is_dir():
+        raise ValueError(f"it names {name!r} as its data folder")
     n_bytes = sum(file.stat().st_size for file in (root / name).iterdir())
     period = (_entry(document, "start_ns", int), _entry(document, "stop_ns", int))
     segment = Segment(name, 0, n_scans, *period, n_intervals - n_cells, n_cells, True, n_bytes)

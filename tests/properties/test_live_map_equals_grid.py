@@ -9,9 +9,11 @@ import shutil
 import tempfile
 import threading
 from collections.abc import Iterator
+from concurrent.futures import wait
 from pathlib import Path
 from unittest.mock import patch
 
+import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -29,6 +31,7 @@ from same_answers import (
 from strategies import STREAM_CELLS, Stream, streams
 from tempog.errors import EmptyWindowError
 from tempog.grid.history import History
+from tempog.grid.segments import join
 from tempog.grid.temporal_grid import TemporalGrid
 from tempog.store import committer, session_writer, strand, tables
 from tempog.store.live_map import LiveMap
@@ -171,9 +174,11 @@ def test_a_session_that_is_added_as_a_whole_answers_as_the_grid(stream, data):
             listening(stream),
             LiveMap(folder / "map", config_of(stream), at_once=False, scan_period_s=ANY_SCANS_S) as live,
         ):
-            for stamp_ns in stream.stamps_ns:
+            for k, stamp_ns in enumerate(stream.stamps_ns):
                 feed(live, stamp_ns)
                 feed(grid, stamp_ns)
+                if data.draw(st.integers(0, 3)) == 0:
+                    ask(data, live, grid, stream.stamps_ns[: k + 1])
             assert open_map(folder / "map").n_scans == 0
         ask_all(data, open_map(folder / "map"), grid, stream.stamps_ns)
 
@@ -195,6 +200,30 @@ def test_commits_that_waited_for_each_other_are_not_taken_for_each_other(tmp_pat
     live.flush()
     assert_same_intervals(live, grid)
     live.close()
+
+
+def test_a_commit_that_ends_during_a_question_does_not_change_the_answer(tmp_path):
+    stamps = [k * 10**9 for k in range(5)]
+    stream = Stream(stamps, [[((0, 0), 0.9 if k % 2 else 0.1), ((0, 7), 0.5)] for k in range(5)], 10**9, 0.1)
+    grid, disk_is_free = empty_grid(stream), threading.Event()
+    with (
+        listening(stream),
+        LiveMap(tmp_path / "map", config_of(stream), flush_s=2, scan_period_s=ANY_SCANS_S) as live,
+    ):
+        for k, stamp_ns in enumerate(stamps):
+            feed(live, stamp_ns)
+            feed(grid, stamp_ns)
+            if k == 0:
+                live.flush()
+                live._writer._committer.run(disk_is_free.wait)
+        sets = live.runs()
+        parts = [next(sets)]
+        disk_is_free.set()
+        wait(live._writer._futures)
+        assert live.n_scans == len(stamps)
+        parts += sets
+    for got, wanted in zip(join(parts), grid.all_runs(), strict=True):
+        np.testing.assert_array_equal(got, wanted)
 
 
 def test_a_later_session_may_have_a_longer_gap_threshold(tmp_path):

@@ -27,10 +27,21 @@ GRACE_S = 600.0  # s; readers that opened the map before a merge may finish thei
 
 
 class Committed(NamedTuple):
-    """What a change came to: the strand's segments now, and those that were added with what ended in them."""
+    """What a change came to.
+
+    Attributes
+    ----------
+    segments : list of Segment
+        Of the strand, now.
+    added : list of (Segment, Runs)
+        What was written, with what ended in it.
+    dropped : list of Segment
+        Replaced before any map.json named them: nobody needs them once these `segments` are asked instead.
+    """
 
     segments: list[Segment]
     added: list[tuple[Segment, Runs]]
+    dropped: list[Segment]
 
 
 class Committer:
@@ -56,6 +67,7 @@ class Committer:
             manifest.strands.append([])
         self._strand = manifest.strands[session.strand]
         self._unnamed: list[Segment] = []  # written, but in no map.json yet
+        self._dropped: list[Segment] = []  # in no map.json, and not needed any more
         self._to_write: deque[tuple[Content, int]] = deque()  # what failed is tried again before what comes next
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="tempog-commit")
 
@@ -80,7 +92,11 @@ class Committer:
     def finish(self) -> None:
         """Wait until everything is done; remove what does not count yet."""
         self._worker.shutdown()
-        for segment in self._unnamed:
+        self.remove([*self._unnamed, *self._dropped])
+
+    def remove(self, segments: list[Segment]) -> None:
+        """Remove files of segments that no map.json names."""
+        for segment in segments:
             shutil.rmtree(self.root / segment.name, ignore_errors=True)
 
     def _guarded(self, change: Callable[[], Committed]) -> Committed:
@@ -117,7 +133,8 @@ class Committer:
             self._to_write.popleft()
             added.append((segment, content.sealed))
         self._merge_small()
-        return Committed(list(self._strand), added)
+        dropped, self._dropped = self._dropped, []
+        return Committed(list(self._strand), added, dropped)
 
     def _name(self) -> Committed:
         sessions = [session for session in self.manifest.sessions if session.id != self.session.id]
@@ -127,7 +144,7 @@ class Committer:
         with suppress(OSError):  # it counts already
             remove_journals(self.root / JOURNAL, self._strand[-1].end_scan if self._strand else 0)
         self._remove_retired()
-        return Committed(list(self._strand), [])
+        return Committed(list(self._strand), [], [])
 
     def _merge_small(self) -> None:
         """Make one of the latest segments where `FANOUT` of about one size follow each other."""
@@ -143,9 +160,9 @@ class Committer:
         """Note that a segment took the place of others."""
         self._unnamed.append(by)
         for segment in merged:
-            if segment in self._unnamed:  # nobody knows of it
+            if segment in self._unnamed:
                 self._unnamed.remove(segment)
-                shutil.rmtree(self.root / segment.name, ignore_errors=True)
+                self._dropped.append(segment)
             else:
                 self.manifest.retired[segment.name] = time.time()
 

@@ -137,8 +137,7 @@ class LiveMap(Delegate):
     def _whole(self) -> History:
         if self._writer is None:
             return as_one(self.path, self._manifest, self._others)
-        self._writer.collect(raising=False)  # what could not be committed is for `integrate` to say
-        live = self._writer.live
+        live = self._writer.live  # as it is until the next scan or flush, so that a question gets one answer
         if not self._others:
             return live
         if self._merged is None or self._merged[0] != live.n_scans:

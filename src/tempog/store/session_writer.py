@@ -138,7 +138,7 @@ class SessionWriter:
         """
         while self._futures and (wait or self._futures[0].done()):
             try:
-                segments, added = self._futures.popleft().result()
+                segments, added, dropped = self._futures.popleft().result()
             except MapError as error:
                 self._failure = error
                 continue
@@ -148,6 +148,7 @@ class SessionWriter:
             for segment, sealed in added:
                 if segment in segments:
                     disk.hold(segment, sealed)
+            self._committer.remove(dropped)
             end = segments[-1].end_scan if segments else 0
             self.live.pending = [one for one in self.live.pending if one.end_scan > end]
             self.live.mapper.forget_scans(end)

@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
-import os
-import shutil
-import tempfile
 import threading
 from collections.abc import Iterator
 from concurrent.futures import wait
@@ -17,20 +13,11 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fed_grid import begin_session, config_of, empty_grid, feed, listening, moment
-from same_answers import (
-    HOLDS,
-    assert_same_analyses,
-    assert_same_cells,
-    assert_same_changes,
-    assert_same_intervals,
-    assert_same_series,
-    assert_same_states,
-    moments_of_interest,
-)
-from strategies import STREAM_CELLS, Stream, streams
-from tempog.errors import EmptyWindowError
-from tempog.grid.history import History
+from fed_grid import begin_session, config_of, empty_grid, feed, listening
+from fixed_history import a_folder
+from questions import ask, ask_all
+from same_answers import assert_same_intervals, assert_same_states, moments_of_interest
+from strategies import Stream, streams
 from tempog.grid.segments import join
 from tempog.grid.temporal_grid import TemporalGrid
 from tempog.store import committer, session_writer, strand, tables
@@ -38,20 +25,8 @@ from tempog.store.live_map import LiveMap
 from tempog.store.saved_map import open_map
 
 QUICK = settings(max_examples=40, deadline=None, derandomize=True)
-UNSEEN = (5, 5)
 ANY_SCANS_S = 1e-9  # s; a scan period that no gap threshold is too short for
 WINDOWS = st.sampled_from([None, 1e-9, 0.05, 0.5, 3.0])
-
-
-@contextlib.contextmanager
-def a_folder() -> Iterator[Path]:
-    """A folder, on a disk that need not be waited for."""
-    folder = Path(tempfile.mkdtemp())
-    try:
-        with patch.object(os, "fsync", lambda descriptor: None):
-            yield folder
-    finally:
-        shutil.rmtree(folder)
 
 
 @contextlib.contextmanager
@@ -64,60 +39,6 @@ def small_segments(fanout: int, intervals: int, rows: int = 3) -> Iterator[None]
         patch.object(strand, "HELD_STATES", 1),
     ):
         yield
-
-
-def ask(data: st.DataObject, got: History, wanted: History, stamps: list[int]) -> None:
-    """One question of any kind, at any time."""
-    moments = st.sampled_from(moments_of_interest(stamps))
-    hold = st.sampled_from(HOLDS)
-    question = data.draw(st.sampled_from(["at", "at", "window", "area", "cells", "changes", "whole", "intervals"]))
-    if question == "at":
-        assert_same_states(got, wanted, data.draw(moments), data.draw(hold))
-    elif question == "cells":
-        assert_same_cells(got, wanted, [*STREAM_CELLS, UNSEEN])
-    elif question == "changes":
-        some_hold = data.draw(st.sampled_from([0.0, 0.1505, math.inf]))
-        assert_same_changes(got, wanted, data.draw(moments), data.draw(moments), some_hold)
-    elif question == "whole":
-        assert_same_analyses(got, wanted)
-        assert_same_series(got, wanted)
-    elif question == "intervals":
-        assert_same_intervals(got, wanted)
-    else:
-        parts = [got, wanted]
-        for kind in data.draw(st.sampled_from([["window"], ["area"], ["window", "area"], ["area", "window"]])):
-            if kind == "area":
-                bounds = data.draw(st.sampled_from([(0.0, 0.3, 0.0, 0.3), (-0.4, 0.1, -20.0, 0.2)]))
-                how = {"x_min": bounds[0], "x_max": bounds[1], "y_min": bounds[2], "y_max": bounds[3]}
-                parts = same_parts(parts, "area", **how)
-            else:
-                t0, t1 = sorted((data.draw(moments), data.draw(moments)))
-                parts = same_parts(parts, "window", t0=moment(t0), t1=moment(t1))
-            if not parts:
-                return
-        assert_same_analyses(*parts)
-        assert_same_series(*parts)
-        assert_same_cells(*parts, [*STREAM_CELLS, UNSEEN])
-        assert_same_states(*parts, data.draw(moments), data.draw(hold))
-
-
-def same_parts(histories: list[History], kind: str, **how) -> list[History]:
-    """A part of each of two histories; none if neither has it."""
-    parts = []
-    for history in histories:
-        with contextlib.suppress(EmptyWindowError):
-            parts.append(getattr(history, kind)(**how))
-    assert len(parts) in (0, len(histories))
-    return parts
-
-
-def ask_all(data: st.DataObject, got: History, wanted: History, stamps: list[int]) -> None:
-    """The questions that tell most, then any."""
-    for t_ns in moments_of_interest(stamps)[::3]:
-        assert_same_states(got, wanted, t_ns, math.inf)
-    assert_same_intervals(got, wanted)
-    for _ in range(4):
-        ask(data, got, wanted, stamps)
 
 
 def map_live(data: st.DataObject, stream: Stream, path: Path, grid: TemporalGrid) -> None:

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+import itertools
 
 import numpy as np
-from hypothesis import example, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
+from fed_grid import begin_session, empty_grid, feed, grid_of
+from fixed_history import FixedHistory, a_folder, cells_of, strand_of_small_segments, tiles_of
 from oracle.overlay import latest_begun, overlay
+from questions import ask_all
+from strategies import NS, Stream, odd_scans, streams
+from tempog.config import GridConfig, MapConfig, SensingConfig
+from tempog.grid.history import History
+from tempog.grid.merged import Merged
 from tempog.grid.overlay import overlay as overlay_kernel
+from tempog.grid.temporal_grid import TemporalGrid
+from tempog.sensing.cells import find_lines
+from tempog.sensing.evidence import Sensor
 
 QUICK = settings(max_examples=60, deadline=None, derandomize=True)
 VALUES = [np.float32(value).item() for value in (0.1, 0.25, 0.9)]
@@ -63,7 +73,7 @@ def test_overlaid_intervals_are_those_of_the_oracle(cells):
 @QUICK
 def test_at_each_scan_the_state_that_began_latest_counts(parts):
     (got,) = overlaid([parts])
-    assert all(last < first for (_, last, _), (first, _, _) in pairwise(got))
+    assert all(last < first for (_, last, _), (first, _, _) in itertools.pairwise(got))
     states = {scan: value for first, last, value in got for scan in range(first, last + 1)}
     for scan in range(80):
         state = latest_begun(parts, scan)
@@ -90,3 +100,145 @@ def test_a_period_of_a_cell_does_not_depend_on_what_was_before_or_after(parts, s
         for intervals in (*overlaid([inside]), *overlaid([parts]))
     ]
     assert clipped[0] == clipped[1]
+
+
+# Whole histories.
+
+
+@st.composite
+def grids_at_one_time(draw, most: int = 3) -> list[TemporalGrid]:
+    """Grids of sessions in areas that overlap or not, with their own order of tiles; their scans interleave."""
+    grids = []
+    for number in range(draw(st.integers(1, most))):
+        stream = draw(streams(max_scans=20))
+        begin_ns, down, right = (
+            draw(st.sampled_from([0, 1, NS // 3, 30 * NS])),
+            *draw(st.sampled_from([(0, 0), (0, 0), (8, 0), (3, -5), (0, 800)])),
+        )
+        stamps = [stamp + begin_ns for stamp in stream.stamps_ns]
+        said = [[((row + down, col + right), prob) for (row, col), prob in one] for one in stream.statements]
+        grid = empty_grid(Stream(stamps, said, stream.gap_ns, stream.tolerance))
+        grid.session_of = []
+        for k, stamp_ns in enumerate(stamps):
+            if k == 0 or draw(st.integers(0, 7)) == 0:
+                begin_session(grid)
+                grid.session_of.append(k)
+            feed(grid, stamp_ns, x=100 * number + k)
+        grids.append(grid)
+    return grids
+
+
+def slowly_merged(grids: list[History], kept: list[np.ndarray] | None = None) -> FixedHistory:
+    """What `Merged` should be, by the oracle, one cell after the other."""
+    kept = [np.ones(grid.n_scans, dtype=bool) for grid in grids] if kept is None else kept
+    scans = sorted(
+        (int(grid.stamps_ns[k]), number, k)
+        for number, grid in enumerate(grids)
+        for k in range(grid.n_scans)
+        if kept[number][k]
+    )
+    new = {(number, k): i for i, (_, number, k) in enumerate(scans)}
+    parts = [
+        {
+            cell: [
+                (new[number, a], new[number, b], value) for a, b, value in intervals if kept[number][a : b + 1].all()
+            ]
+            for cell, intervals in cells_of(grid).items()
+        }
+        for number, grid in enumerate(grids)
+    ]
+    cells = {cell: overlay([part.get(cell, []) for part in parts]) for cell in set().union(*parts)}
+    return FixedHistory(
+        grids[0].config,
+        set().union(*map(tiles_of, grids)),
+        np.array([stamp_ns for stamp_ns, _, _ in scans], dtype=np.int64),
+        np.array([grids[number].poses[k] for _, number, k in scans]),
+        cells,
+    )
+
+
+@given(grids_at_one_time(), st.sampled_from([None, 1, 4]), st.data())
+@settings(QUICK, max_examples=40)
+def test_histories_put_together_answer_as_the_oracle(grids, most_intervals, data):
+    with a_folder() as folder:
+        parts = grids
+        if most_intervals is not None:
+            parts = [strand_of_small_segments(grid, folder / str(k), most_intervals) for k, grid in enumerate(grids)]
+        ask_all(data, Merged(parts), slowly_merged(grids), Merged(grids).stamps_ns.tolist())
+
+
+@given(grids_at_one_time(2), st.sampled_from([None, 3]), st.data())
+@settings(QUICK, max_examples=40)
+def test_chosen_sessions_answer_as_if_there_were_no_others(grids, most_intervals, data):
+    kept = []
+    for grid in grids:
+        ends = [*grid.session_of[1:], grid.n_scans]
+        kept.append(np.repeat([data.draw(st.booleans()) for _ in ends], np.diff([0, *ends])))
+    assume(any(one.any() for one in kept))
+    with a_folder() as folder:
+        parts = grids
+        if most_intervals is not None:
+            parts = [strand_of_small_segments(grid, folder / str(k), most_intervals) for k, grid in enumerate(grids)]
+        wanted = slowly_merged(grids, kept)
+        ask_all(data, Merged(parts, kept), wanted, wanted.stamps_ns.tolist())
+
+
+@given(streams(), streams(), st.data())
+@settings(QUICK, max_examples=20)
+def test_what_began_after_the_other_ended_follows_it(stream, later, data):
+    shift = stream.stamps_ns[-1] - later.stamps_ns[0] + data.draw(st.sampled_from([0, 1, NS]))
+    later = Stream([t + shift for t in later.stamps_ns], later.statements, stream.gap_ns, stream.tolerance)
+    both = Stream(
+        stream.stamps_ns + later.stamps_ns,
+        stream.statements + later.statements,
+        stream.gap_ns,
+        stream.tolerance,
+    )
+    one = empty_grid(both)
+    for k, stamp_ns in enumerate(both.stamps_ns):
+        if k == len(stream.stamps_ns):
+            begin_session(one)
+        feed(one, stamp_ns)
+    ask_all(data, Merged([grid_of(stream), grid_of(later)]), one, both.stamps_ns)
+
+
+def hit_points(scans, config: MapConfig) -> np.ndarray:
+    """Where beams hit something, metres; (n, 2)."""
+    sensor, points = Sensor(config), []
+    for scan in scans:
+        sensor._aim(scan)
+        points.append(np.stack([sensor._end_x, sensor._end_y], axis=-1)[sensor._is_hit])
+    return np.concatenate([np.empty((0, 2)), *points])
+
+
+@given(odd_scans(max_scans=6), odd_scans(max_scans=6), st.booleans())
+@settings(QUICK, max_examples=40)
+def test_hit_statistics_put_together_are_those_of_all_hits(scans, others, beside):
+    """... to the rounding of the float32 that each part keeps."""
+    config = MapConfig(SensingConfig(max_range_m=5.0), GridConfig(gap_s=4.0))
+    parts = [scans, scans[::-1][:1], others if beside else []]
+    grids = []
+    for part in parts:
+        if part and (not grids or np.hypot(part[0].x - scans[0].x, part[0].y - scans[0].y) < 100.0):
+            grids.append(TemporalGrid(config))
+            grids[-1].integrate_many(part)
+    merged = Merged(grids)
+    points = hit_points([scan for part in parts[: len(grids)] for scan in part], config)
+    spec, surfaces = merged.tiles.spec, merged.surfaces
+    rows, cols = (np.floor(points[:, k] / spec.resolution_m).astype(int) for k in (1, 0))
+    by_cell: dict = {}
+    for row, col, point in zip(rows.tolist(), cols.tolist(), points, strict=True):
+        by_cell.setdefault((row, col), []).append(point)
+    assert surfaces.n_slots == len(by_cell)
+    for (row, col), hits in by_cell.items():
+        slot = surfaces.slot_of_cell[merged.tiles.cell_number(row, col)]
+        (centre,) = spec.centres([row], [col])
+        offsets = np.array(hits) - centre
+        mean = offsets.mean(axis=0)
+        xx, xy, _, yy = ((offsets - mean).T @ (offsets - mean) / len(hits)).ravel()
+        assert surfaces.hit_count[slot] == len(hits)
+        np.testing.assert_allclose(surfaces.moments[slot, :2], mean, atol=1e-8, rtol=1e-6)
+        np.testing.assert_allclose(surfaces.moments[slot, 2:], (xx, xy, yy), atol=1e-10, rtol=1e-6)
+    lines = surfaces.lines.copy()
+    find_lines(surfaces.moments, lines)
+    np.testing.assert_array_equal(surfaces.lines, lines)

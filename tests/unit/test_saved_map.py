@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tempog.store.map_directory import hash_file, open_map, save_map
 
 from tempog.analysis.dynamics import map_dynamics
 from tempog.analysis.occupancy import occupancy_grid
@@ -23,7 +24,6 @@ from tempog.errors import MapError, TimeError
 from tempog.grid.temporal_grid import TemporalGrid
 from tempog.scans.scan import Scan, ScanLog
 from tempog.store import map_directory
-from tempog.store.map_directory import hash_file, open_map, save_map
 
 TABLES = ["scans", "tiles", "intervals", "surfaces"]
 FILES = ["map.json", *(f"{name}.parquet" for name in TABLES)]

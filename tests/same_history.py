@@ -7,6 +7,7 @@ import numpy as np
 from tempog.config import GridConfig, MapConfig, SensingConfig
 from tempog.grid.temporal_grid import TemporalGrid
 from tempog.scans.scan import Scan
+from tempog.store.manifest import read_manifest
 
 CONFIG = MapConfig(SensingConfig(max_range_m=6.0), GridConfig(0.1, gap_s=1.0, tolerance=0.3))
 PERIOD_S = 0.1
@@ -58,3 +59,13 @@ def assert_same_moments(got, wanted) -> None:
         moment = np.datetime64(int(stamp_ns), "ns")
         for mine, yours in zip(got.at(moment, hold=5.0), wanted.at(moment, hold=5.0), strict=True):
             np.testing.assert_array_equal(mine, yours)
+
+
+def debris(root) -> list[str]:
+    """What is in a map's folder that map.json does not name."""
+    manifest = read_manifest(root)
+    named = {segment.name for segment in manifest.segments} | set(manifest.retired)
+    found = [path.relative_to(root).as_posix() for path in (*root.glob("segments/*"), *root.glob("journal/*"))]
+    others = [path.name for path in root.iterdir() if path.name not in ("map.json", "segments", "journal")]
+    beside = [path.name for path in root.parent.glob(f".{root.name}.*")]
+    return [name for name in (*found, *others) if name not in named] + beside

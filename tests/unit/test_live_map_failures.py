@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from same_history import CONFIG, assert_same, grid_of, room_scans
+from same_history import CONFIG, assert_same, debris, grid_of, room_scans
 from tempog import LiveMap, open_map
 from tempog.errors import ConfigError, ExtentError, MapError, ScanError
 from tempog.scans.scan import Scan
@@ -175,16 +175,6 @@ def test_what_could_not_be_committed_when_the_map_was_closed_is_in_the_journal(r
     assert what == "new journal" or any("never closed" in note for note in opened.repaired)
     assert not open_map(root).repaired
     assert debris(root) == []
-
-
-def debris(root) -> list[str]:
-    """What is in a map's folder that map.json does not name."""
-    manifest = read_manifest(root)
-    named = {segment.name for segment in manifest.segments} | set(manifest.retired)
-    found = [path.relative_to(root).as_posix() for path in (*root.glob("segments/*"), *root.glob("journal/*"))]
-    others = [path.name for path in root.iterdir() if path.name not in ("map.json", "segments", "journal")]
-    beside = [path.name for path in root.parent.glob(f".{root.name}.*")]
-    return [name for name in (*found, *others) if name not in named] + beside
 
 
 def test_a_session_that_cannot_be_begun_takes_nothing_from_the_map(root, disk):

@@ -30,7 +30,7 @@ from tempog.store.tables import (
     masks_of,
     read_masks,
     read_table,
-    sync,
+    sync_all,
     write_table,
 )
 
@@ -112,8 +112,7 @@ def write_segment(
         folder.mkdir(parents=True)
         for table, columns in _columns(content, groups).items():
             write_table(folder / f"{table}.parquet", columns, level)
-        sync(folder)
-        sync(folder.parent)
+        sync_all([*folder.iterdir(), folder, folder.parent])
         n_bytes = sum(file.stat().st_size for file in folder.iterdir())
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)

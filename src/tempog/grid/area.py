@@ -59,7 +59,9 @@ class Area(History):
 
     def runs(self) -> Iterator[Runs]:
         """The intervals of the area's cells, in sets from oldest to newest."""
-        for runs in self._whole.runs():
+        for runs in self._whole.runs_of_cells(
+            int(self._kept[0]) * TILE_CELLS, (int(self._kept[-1]) + 1) * TILE_CELLS
+        ):
             # A tile's cells follow each other, and so do their intervals.
             first = np.searchsorted(runs.cells, self._kept * TILE_CELLS)
             end = np.searchsorted(runs.cells, (self._kept + 1) * TILE_CELLS)

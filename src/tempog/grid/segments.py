@@ -38,9 +38,10 @@ class Runs(NamedTuple):
         cls, cell: NDArray[np.int32], first: NDArray[np.int32], last: NDArray[np.int32], value: NDArray[np.float32]
     ) -> Runs:
         """Intervals given with their cells, sorted by cell, then time."""
-        starts = np.flatnonzero(np.diff(cell)) + 1
-        offsets = np.concatenate([[0], starts, [len(cell)]] if len(cell) else [[0]]).astype(np.int64)
-        return cls(cell[offsets[:-1]], offsets, first, last, value)
+        n_cells = count_cells(cell)
+        cells, offsets = np.empty(n_cells, dtype=np.int32), np.zeros(n_cells + 1, dtype=np.int64)
+        note_cells(cell, cells, offsets)
+        return cls(cells, offsets, first, last, value)
 
     @property
     def n_intervals(self) -> int:
@@ -116,6 +117,49 @@ class SegmentStack:
     def nbytes(self) -> int:
         """Bytes held."""
         return sum(runs.nbytes for runs in self._segments)
+
+
+@kernel
+def count_cells(cell: NDArray[np.int32]) -> int:
+    """How many times the cell is another than before."""
+    n = 0
+    for k in range(cell.shape[0]):
+        if k == 0 or cell[k] != cell[k - 1]:
+            n += 1
+    return n
+
+
+@kernel
+def note_cells(cell: NDArray[np.int32], cells: NDArray[np.int32], offsets: NDArray[np.int64]) -> None:
+    """Which cells these are, each once, and where the intervals of each begin and end   [both written]."""
+    i = 0
+    for k in range(cell.shape[0]):
+        if k == 0 or cell[k] != cell[k - 1]:
+            cells[i], offsets[i] = cell[k], k
+            i += 1
+    offsets[i] = cell.shape[0]
+
+
+@kernel
+def add_spans(
+    cell: NDArray[np.int32],
+    first: NDArray[np.int32],
+    span: NDArray[np.int32],
+    end_scan: int,
+    last: NDArray[np.int32],
+) -> tuple[bool, bool]:
+    """The last scan of each interval   [written].
+
+    Returns whether the cells ascend from 0, and whether all scans are from 0 to before `end_scan`.
+    """
+    ascend, within, before = True, True, 0
+    for k in range(cell.shape[0]):
+        ascend &= cell[k] >= before
+        before = cell[k]
+        until = np.int64(first[k]) + span[k]
+        within &= first[k] >= 0 and span[k] >= 0 and until < end_scan
+        last[k] = until
+    return ascend, within
 
 
 @kernel

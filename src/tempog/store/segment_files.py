@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tempog.errors import MapError
 from tempog.grid.intervals import NEVER
-from tempog.grid.segments import Runs, join
+from tempog.grid.segments import Runs, add_spans, join
 from tempog.sensing.surfaces import SurfaceMemory
 from tempog.store.manifest import SEGMENTS, Segment, damaged, is_format_1, read_document
 from tempog.store.references import Encoded, decode, encode
@@ -210,14 +210,14 @@ class SegmentFiles:
         going_on[runs.offsets[1:] - 1] = True
         return _kept(runs, ~going_on)
 
-    def open_runs(self) -> Runs:
-        """The interval that may go on, of each cell that was seen."""
+    def open_runs(self, cells: tuple[int, int] | None = None) -> Runs:
+        """The interval that may go on, of each cell that was seen; of all, or of a range and others."""
         if self._format_1:
-            runs = self._runs("intervals")
+            runs = self._runs("intervals", cells)
             latest = runs.offsets[1:] - 1
             offsets = np.arange(len(runs.cells) + 1, dtype=np.int64)
             return Runs(runs.cells, offsets, runs.first[latest], runs.last[latest], runs.value[latest])
-        runs = self._runs("open")
+        runs = self._runs("open", cells)
         if len(runs.cells) != runs.n_intervals:
             raise self._damaged("open.parquet holds several intervals of one cell")
         return runs
@@ -261,14 +261,12 @@ class SegmentFiles:
     def _runs(self, table: str, cells: tuple[int, int] | None = None) -> Runs:
         columns = self._read(table, cells=cells)
         cell, first, span = columns["cell"], columns["first_scan"], columns["span"]
-        last = first + span
-        scans = (-1, self.segment.end_scan) if table == "intervals" else (-1, 2**31 - 1)
-        if len(first) and not (scans[0] < first.min() and span.min() >= 0 and first.min() <= last.min()):
+        last = np.empty_like(first)
+        end_scan = self.segment.end_scan if table == "intervals" else 2**31 - 1
+        ascend, within = add_spans(cell, first, span, end_scan, last)
+        if not within:
             raise self._damaged(f"{table}.parquet points at scans that do not exist")
-        if len(last) and last.max() >= scans[1]:
-            raise self._damaged(f"{table}.parquet points at scans that do not exist")
-        steps = np.diff(cell)
-        if np.any(steps < 0) or (len(cell) and cell[0] < 0):
+        if not ascend:
             raise self._damaged(f"{table}.parquet is not sorted by cell")
         return Runs.of(cell, first, last, columns["prob"])
 
@@ -300,13 +298,19 @@ def _kept(runs: Runs, kept: NDArray[np.bool_]) -> Runs:
 
 def overlaid_runs(sets: Sequence[Runs]) -> Runs:
     """One interval per cell: that of the last set that has the cell."""
-    n_cells = max((int(runs.cells[-1]) + 1 for runs in sets if len(runs.cells)), default=0)
+    sets = [runs for runs in sets if len(runs.cells)] or list(sets[:1])
+    if len(sets) == 1:
+        return sets[0]
+    begin = min((int(runs.cells[0]) for runs in sets), default=0)
+    n_cells = max((int(runs.cells[-1]) + 1 for runs in sets), default=0) - begin
     first, value = np.empty(n_cells, dtype=np.int32), np.empty(n_cells, dtype=np.float32)
     last = np.full(n_cells, NEVER, dtype=np.int32)
     for runs in sets:
-        first[runs.cells], last[runs.cells], value[runs.cells] = runs.first, runs.last, runs.value
-    cells = np.flatnonzero(last != NEVER).astype(np.int32)
-    return Runs(cells, np.arange(len(cells) + 1, dtype=np.int64), first[cells], last[cells], value[cells])
+        at = runs.cells - begin
+        first[at], last[at], value[at] = runs.first, runs.last, runs.value
+    seen = np.flatnonzero(last != NEVER)
+    offsets = np.arange(len(seen) + 1, dtype=np.int64)
+    return Runs((seen + begin).astype(np.int32), offsets, first[seen], last[seen], value[seen])
 
 
 def overlaid_hits(sets: Sequence[Hits]) -> Hits:

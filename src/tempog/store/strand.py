@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import bisect
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +23,8 @@ from tempog.store.manifest import Manifest, Segment, damaged
 from tempog.store.segment_files import SegmentFiles, overlaid_hits, overlaid_runs
 from tempog.times import MAX_NS, NS_PER_S
 
-T = TypeVar("T")
-
 HELD_INTERVALS = 2**28  # 3.5 GB; what was read is kept for the next question up to here
+SHARE_OF_MANY = 0.25  # of all cells: from there on reading parts of files is no gain
 HELD_STATES = 4  # states of all cells between segments: for questions that go back and forth
 
 
@@ -138,23 +136,31 @@ class Strand(History):
 
     def latest_runs(self, last_scan: int) -> Iterator[Runs]:
         """Each cell's latest interval that began by a scan, and others."""
-        since, until = self.segments_within(last_scan, last_scan)
-        yield self.state_after(since)
-        yield from self.sealed_runs(since, until)
-        if until > since:
-            of = f"{self.segments[since].name}/{self.segments[until - 1].name}"
-            yield self._part(of, lambda: self._changes(since, until))
+        # What went on before the moment went on until these segments' end, or ended in one of them.
+        yield from self.runs_within(last_scan, last_scan)
 
     def runs_of_cells(self, first_cell: int, end_cell: int) -> Iterator[Runs]:
         """The intervals of cells in a range of numbers, and others."""
         yield from self.sealed_of_cells(first_cell, end_cell)
-        yield self.state_after(len(self.segments))
+        n_segments = len(self.segments)
+        is_known = n_segments == 0 or self.segments[-1].name in self._known_states
+        if is_known or self._are_many(first_cell, end_cell):
+            yield self.state_after(n_segments)
+        else:
+            yield self._open_runs(n_segments, (first_cell, end_cell))
 
     def sealed_of_cells(self, first_cell: int, end_cell: int) -> Iterator[Runs]:
         """Those that ended of cells in a range of numbers, and others."""
+        if self._are_many(first_cell, end_cell):
+            yield from self.sealed_runs()
+            return
         for segment in self.segments:
             held = self._held.get(segment.name)
             yield held or self._checked(SegmentFiles(self.root, segment).sealed((first_cell, end_cell)))
+
+    def _are_many(self, first_cell: int, end_cell: int) -> bool:
+        """Whether a range is so much of the map that all is read, and kept for the next question."""
+        return end_cell - first_cell > SHARE_OF_MANY * self.tiles.n_cells
 
     def runs_of_cell(self, cell: int) -> list[CellPiece]:
         """First scans, last scans and values of one cell's intervals; reads only what may hold them."""
@@ -169,7 +175,12 @@ class Strand(History):
         if n_segments == 0:
             return overlaid_runs([])
         name = self.segments[n_segments - 1].name
-        return self._part(name + "/state", lambda: self._changes(self._full_by(n_segments), n_segments))
+        if name not in self._known_states:
+            self._known_states[name] = self._open_runs(n_segments)
+            while len(self._known_states) > HELD_STATES:
+                self._known_states.popitem(last=False)
+        self._known_states.move_to_end(name)
+        return self._known_states[name]
 
     @property
     def n_intervals(self) -> int:
@@ -233,24 +244,15 @@ class Strand(History):
                 self._held.popitem(last=False)
         return runs
 
-    def _changes(self, since: int, until: int) -> Runs:
-        """The intervals that might go on after some segments, of cells that they say something about."""
-        return self._checked(
-            overlaid_runs([SegmentFiles(self.root, s).open_runs() for s in self.segments[since:until]])
-        )
+    def _open_runs(self, n_segments: int, cells: tuple[int, int] | None = None) -> Runs:
+        """The intervals that might go on when so many segments had ended, of a range of cells at least, or of all."""
+        since = self._full_by(n_segments)
+        sets = [SegmentFiles(self.root, segment).open_runs(cells) for segment in self.segments[since:n_segments]]
+        return self._checked(overlaid_runs(sets))
 
     def _full_by(self, n_segments: int) -> int:
         """The last of the first `n_segments` whose tables hold all cells."""
         return max((k for k in range(n_segments) if self.segments[k].full), default=0)
-
-    def _part(self, name: str, make: Callable[[], Runs]) -> Runs:
-        """What was worked out lately, or is now."""
-        if name not in self._known_states:
-            self._known_states[name] = make()
-            while len(self._known_states) > HELD_STATES:
-                self._known_states.popitem(last=False)
-        self._known_states.move_to_end(name)
-        return self._known_states[name]
 
     def _checked(self, runs: Runs) -> Runs:
         if len(runs.cells) and runs.cells[-1] >= self.tiles.n_cells:

@@ -24,6 +24,7 @@ from tempog.store.tables import QUICK_ZSTD_LEVEL, ZSTD_LEVEL
 FANOUT = 8  # so many small segments become one, so that there are few however many were written
 SEGMENT_INTERVALS = 2**21  # a segment that large is left alone; it reads in 0.1 s
 GRACE_S = 600.0  # s; readers that opened the map before a merge may finish their questions for so long
+MOST_RETIRED = 128  # segments that wait for that: so many come about in 600 s if commits are 6 s apart
 
 
 class Committed(NamedTuple):
@@ -167,10 +168,11 @@ class Committer:
                 self.manifest.retired[segment.name] = time.time()
 
     def _remove_retired(self) -> None:
-        old = [name for name, when in self.manifest.retired.items() if not 0 <= time.time() - when < GRACE_S]
-        for name in old:
+        retired, now = self.manifest.retired, time.time()
+        old = [name for name, when in retired.items() if not 0 <= now - when < GRACE_S]
+        for name in old or list(retired)[: max(0, len(retired) - MOST_RETIRED)]:
             shutil.rmtree(self.root / name, ignore_errors=True)
-            del self.manifest.retired[name]
+            del retired[name]
 
 
 def first_to_merge(strand: list[Segment]) -> int | None:

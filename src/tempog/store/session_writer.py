@@ -203,9 +203,9 @@ class SessionWriter:
             slice(self._flushed_scan - mapper.first_kept, None),
             slice(self._flushed_tiles, tiles.n_tiles),
         )
-        open_runs, changed = mapper.open_runs(), mapper.open_runs(self._flushed_scan)
+        n_cells, changed = self.live.n_cells, mapper.open_runs(self._flushed_scan)
         self._n_changed += len(changed.cells)
-        full = self._n_changed >= len(open_runs.cells)
+        full = self._n_changed >= n_cells
         if full:
             self._n_changed = 0
         content = Content(
@@ -216,13 +216,13 @@ class SessionWriter:
             tiles.tile_rows[new_tiles].copy(),
             tiles.tile_cols[new_tiles].copy(),
             self.live.take_fresh(),
-            open_runs if full else changed,
+            mapper.open_runs() if full else changed,
             hits_of(surfaces, None if full else self._flushed_hits),
             full,
         )
         self._flushed_scan, self._flushed_tiles = mapper.n_scans, tiles.n_tiles
         self._flushed_hits = surfaces.hit_count[: surfaces.n_slots].copy()
-        return content, len(open_runs.cells)
+        return content, n_cells
 
 
 def _state(disk: Strand, session_start: int) -> MapState:

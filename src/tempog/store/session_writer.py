@@ -82,7 +82,6 @@ class SessionWriter:
         self._n_changed = 0  # open intervals written since the last time that all were
         self._digest = hashlib.sha256()
         self._futures: deque[Future[Committed]] = deque()
-        self._failure: MapError | None = None
         self._committer = Committer(root, manifest, session, at_once)
         self._journal = self._new_journal() if journal else None
 
@@ -130,19 +129,16 @@ class SessionWriter:
         if self._journal is not None:
             self._journal.close()
 
-    def collect(self, wait: bool = False, raising: bool = True) -> None:
-        """Take note of the commits that are done.
-
-        MapError if the latest one failed, now or when this is next called with `raising`; it is tried again with the
-        next one.
-        """
+    def collect(self, wait: bool = False) -> None:
+        """Take note of the commits that are done; MapError if the latest one failed, which is tried again later."""
+        failure = None
         while self._futures and (wait or self._futures[0].done()):
             try:
                 segments, added, dropped = self._futures.popleft().result()
             except MapError as error:
-                self._failure = error
+                failure = error
                 continue
-            self._failure = None
+            failure = None
             disk = self.live.disk
             disk.replace_segments(segments)
             for segment, sealed in added:
@@ -152,8 +148,7 @@ class SessionWriter:
             end = segments[-1].end_scan if segments else 0
             self.live.pending = [one for one in self.live.pending if one.end_scan > end]
             self.live.mapper.forget_scans(end)
-        if raising and self._failure is not None:
-            failure, self._failure = self._failure, None
+        if failure is not None:
             raise failure
 
     def _integrate_and_keep(self, journal: JournalWriter, scan: Scan) -> None:

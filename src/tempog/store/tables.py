@@ -64,7 +64,9 @@ ENCODINGS = {
     "first_scan": "BYTE_STREAM_SPLIT",
     "span": "BYTE_STREAM_SPLIT",
 } | dict.fromkeys(MOMENTS, "BYTE_STREAM_SPLIT")
-ROWS_PER_GROUP = 2**16  # a cell's history is read from one or two groups of about 0.1 MB; larger ones are 0.4 % smaller
+ROWS_PER_GROUP = (
+    2**16
+)  # a cell's history is read from one or two groups of about 0.1 MB; larger ones are 0.4 % smaller
 ZSTD_LEVEL = 9  # 1.5 bytes per interval on a real log against 1.6 at level 3; writing is a small part of mapping
 QUICK_ZSTD_LEVEL = 1  # for what is merged with others soon
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
+import os
 import shutil
+import tempfile
 from contextlib import suppress
 from pathlib import Path
 
@@ -14,8 +17,8 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tempog.store.map_directory import hash_file, open_map, save_map
 
+from same_history import debris
 from tempog.analysis.dynamics import map_dynamics
 from tempog.analysis.occupancy import occupancy_grid
 from tempog.analysis.static import static_map
@@ -23,9 +26,12 @@ from tempog.config import GridConfig, MapConfig, SensingConfig
 from tempog.errors import MapError, TimeError
 from tempog.grid.temporal_grid import TemporalGrid
 from tempog.scans.scan import Scan, ScanLog
-from tempog.store import map_directory
+from tempog.store import manifest, rewrite, segment_files, tables
+from tempog.store.manifest import only_writer, read_manifest
+from tempog.store.saved_map import open_map, save_map
+from tempog.store.tables import hash_file
 
-TABLES = ["scans", "tiles", "intervals", "surfaces"]
+TABLES = ["scans", "tiles", "intervals", "open", "surfaces"]
 FILES = ["map.json", *(f"{name}.parquet" for name in TABLES)]
 
 
@@ -39,13 +45,18 @@ def small_grid(n_scans: int = 12, distance: float = 2.0) -> TemporalGrid:
 
 
 @pytest.fixture
+def tmp_path(quick_path):
+    return quick_path
+
+
+@pytest.fixture
 def saved(tmp_path):
     """Path of a saved map."""
     return save_map(small_grid(), tmp_path / "map")
 
 
 def data_of(path):
-    (data,) = path.glob("data-*")
+    (data,) = path.glob("segments/*")
     return data
 
 
@@ -130,12 +141,31 @@ def test_a_map_with_a_stray_hit_in_an_unseen_tile_can_be_opened(tmp_path):
 
 
 def test_the_manifest_tells_what_the_map_holds(saved):
-    grid, manifest = small_grid(), open_map(saved).manifest
-    assert manifest["n_scans"] == grid.n_scans
-    assert manifest["n_intervals"] == grid.n_intervals
-    assert manifest["n_cells"] == grid.n_cells
-    assert (manifest["start_ns"], manifest["stop_ns"]) == (grid.stamps_ns[0], grid.stamps_ns[-1])
-    assert MapConfig.from_dict(manifest["config"]) == grid.config
+    grid, document = small_grid(), json.loads((saved / "map.json").read_text())
+    assert document["n_scans"] == grid.n_scans
+    assert document["n_intervals"] == grid.n_intervals
+    assert (document["start_ns"], document["stop_ns"]) == (grid.stamps_ns[0], grid.stamps_ns[-1])
+    assert MapConfig.from_dict(document["config"]) == grid.config
+    ((segment,),) = read_manifest(saved).strands
+    assert (segment.first_scan, segment.n_scans, segment.n_cells) == (0, grid.n_scans, grid.n_cells)
+    (session,) = open_map(saved).sessions
+    assert (session.strand, session.first_scan, session.n_scans) == (0, 0, grid.n_scans)
+    assert (session.start_ns, session.stop_ns) == (grid.stamps_ns[0], grid.stamps_ns[-1])
+
+
+def test_what_was_saved_in_several_segments_answers_the_same(tmp_path, monkeypatch):
+    grid = small_grid(40)
+    contents_of = rewrite.contents_of
+    monkeypatch.setattr(rewrite, "contents_of", lambda history: contents_of(history, 100))
+    opened = open_map(save_map(grid, tmp_path / "map"))
+    assert len(opened.segments) > 3
+    for got, wanted in zip(opened.all_runs(), grid.all_runs(), strict=True):
+        np.testing.assert_array_equal(got, wanted)
+    for t in ("+0", "+5", "+11.7"):
+        np.testing.assert_array_equal(opened.at(t, hold=3.0).value, grid.at(t, hold=3.0).value)
+    assert opened.bytes_on_disk == sum(
+        file.stat().st_size for file in (tmp_path / "map").rglob("*") if file.is_file()
+    )
 
 
 def test_sources_are_kept_with_their_hashes_and_notes(tmp_path):
@@ -143,7 +173,7 @@ def test_sources_are_kept_with_their_hashes_and_notes(tmp_path):
     file.write_text("the log")
     log = ScanLog([Scan(0.0, (0, 0, 0), [], [])], str(file), "CARMEN", ("mended",), 3)
     opened = open_map(save_map(small_grid(), tmp_path / "map", sources=[log]))
-    assert opened.manifest["sources"] == [
+    assert opened.sessions[0].sources == [
         {
             "path": str(file),
             "sha256": hash_file(file),
@@ -162,9 +192,10 @@ def test_bytes_on_disk_are_those_of_all_files(saved):
 def test_the_tables_are_as_the_format_says(saved):
     columns = {name: pq.read_schema(data_of(saved) / f"{name}.parquet") for name in TABLES}
     assert {name: dict(zip(s.names, map(str, s.types), strict=True)) for name, s in columns.items()} == {
-        "scans": {"stamp_ns": "int64", "x": "double", "y": "double", "theta": "double"},
-        "tiles": {"row": "int32", "col": "int32"},
+        "scans": {"scan": "int32", "stamp_ns": "int64", "x": "double", "y": "double", "theta": "double"},
+        "tiles": {"tile": "int32", "row": "int32", "col": "int32"},
         "intervals": {"cell": "int32", "first_scan": "int32", "span": "int32", "prob": "float"},
+        "open": {"cell": "int32", "first_scan": "int32", "span": "int32", "prob": "float"},
         "surfaces": {"cell": "int32", "hits": "int32"}
         | dict.fromkeys(["mean_x", "mean_y", "cov_xx", "cov_xy", "cov_yy"], "float"),
     }
@@ -175,22 +206,27 @@ def test_the_tables_are_as_the_format_says(saved):
 
 @pytest.fixture
 def groups_read(monkeypatch):
-    """Numbers of the row groups of intervals that were read."""
-    read = []
-    original = pq.ParquetFile.read_row_groups
+    """Numbers of the row groups of ended intervals that were read."""
+    read, files = [], [None]
+    read_groups, read_table = pq.ParquetFile.read_row_groups, segment_files.read_table
 
-    def read_row_groups(self, groups, *args, **kwargs):
-        if "span" in self.schema_arrow.names:
+    def watched_table(path, *args):
+        files.append(path)
+        return read_table(path, *args)
+
+    def watched_groups(self, groups, *args, **kwargs):
+        if files[-1].name == "intervals.parquet":
             read.extend(groups)
-        return original(self, groups, *args, **kwargs)
+        return read_groups(self, groups, *args, **kwargs)
 
-    monkeypatch.setattr(pq.ParquetFile, "read_row_groups", read_row_groups)
+    monkeypatch.setattr(segment_files, "read_table", watched_table)
+    monkeypatch.setattr(pq.ParquetFile, "read_row_groups", watched_groups)
     return read
 
 
 def test_a_cells_history_is_read_from_the_row_groups_that_hold_it(tmp_path, monkeypatch, groups_read):
-    monkeypatch.setattr(map_directory, "ROWS_PER_GROUP", 10)
-    grid = small_grid()
+    monkeypatch.setattr(tables, "ROWS_PER_GROUP", 10)
+    grid = small_grid(24)
     path = save_map(grid, tmp_path / "map")
     n_groups = pq.ParquetFile(data_of(path) / "intervals.parquet").num_row_groups
     assert n_groups > 20
@@ -230,7 +266,8 @@ def test_an_opened_map_can_be_saved_again(saved, tmp_path):
 def test_after_all_intervals_were_read_a_history_needs_no_file(saved, groups_read):
     opened = open_map(saved)
     expected = list(open_map(saved).history(1.5, 0.05))
-    assert opened.n_intervals > 0
+    assert opened.all_runs().n_intervals > 0
+    assert groups_read != []
     groups_read.clear()
     assert list(opened.history(1.5, 0.05)) == expected
     assert groups_read == []
@@ -241,7 +278,7 @@ def test_after_all_intervals_were_read_a_history_needs_no_file(saved, groups_rea
 
 def test_an_existing_map_is_not_overwritten_without_force(saved, tmp_path):
     before = contents(tmp_path)
-    with pytest.raises(MapError, match=r"exists already; use --force"):
+    with pytest.raises(MapError, match=r"exists already; use --append to add to it, --force"):
         save_map(small_grid(5), saved)
     assert contents(tmp_path) == before
 
@@ -249,7 +286,8 @@ def test_an_existing_map_is_not_overwritten_without_force(saved, tmp_path):
 def test_force_replaces_a_map(saved, tmp_path):
     save_map(small_grid(5), saved, force=True)
     assert open_map(saved).n_scans == 5
-    assert sorted(file.name for file in saved.iterdir()) == [data_of(saved).name, "map.json"]
+    assert sorted(file.name for file in saved.iterdir()) == ["map.json", "segments"]
+    assert data_of(saved).is_dir()
     assert [file.name for file in tmp_path.iterdir()] == ["map"]
 
 
@@ -357,19 +395,19 @@ def wanted_error(error: BaseException) -> type[BaseException]:
 
 
 @pytest.mark.parametrize("error", CRASHES, ids=lambda error: type(error).__name__)
-@pytest.mark.parametrize("table", [1, 2, 3, 4])
+@pytest.mark.parametrize("table", [1, 3, 5])
 def test_a_crash_while_writing_a_new_map_leaves_nothing(tmp_path, monkeypatch, table, error):
-    monkeypatch.setattr(map_directory, "_write", Crash(map_directory._write, table, error))
+    monkeypatch.setattr(segment_files, "write_table", Crash(segment_files.write_table, table, error))
     with pytest.raises(wanted_error(error)):
         save_map(small_grid(5), tmp_path / "map")
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("error", CRASHES, ids=lambda error: type(error).__name__)
-@pytest.mark.parametrize("table", [1, 2, 3, 4])
+@pytest.mark.parametrize("table", [1, 3, 5])
 def test_a_crash_while_replacing_a_map_leaves_the_old_one(saved, tmp_path, monkeypatch, table, error):
     before = contents(tmp_path)
-    monkeypatch.setattr(map_directory, "_write", Crash(map_directory._write, table, error))
+    monkeypatch.setattr(segment_files, "write_table", Crash(segment_files.write_table, table, error))
     with pytest.raises(wanted_error(error)):
         save_map(small_grid(5), saved, force=True)
     assert contents(tmp_path) == before
@@ -377,7 +415,7 @@ def test_a_crash_while_replacing_a_map_leaves_the_old_one(saved, tmp_path, monke
 
 @pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
 def test_a_crash_in_the_one_rename_that_counts_leaves_a_whole_map(saved, tmp_path, monkeypatch, after):
-    crash = Crash(Path.replace, 1, KeyboardInterrupt(), after)
+    crash = Crash(Path.replace, 2, KeyboardInterrupt(), after)  # the first makes the new map beside the old one
     monkeypatch.setattr(Path, "replace", lambda *paths: crash(*paths))
     with pytest.raises(KeyboardInterrupt):
         save_map(small_grid(5), saved, force=True)
@@ -386,35 +424,33 @@ def test_a_crash_in_the_one_rename_that_counts_leaves_a_whole_map(saved, tmp_pat
     assert len(ask_everything(saved)) > 0
 
 
-N_SYNCS = 8  # four tables, the manifest, and three folders
+N_SYNCS = 10  # five tables and two folders of the segment, the manifest, and two folders
+N_SYNCS_OF_REPLACING = N_SYNCS + 3  # the folder the segment is moved to, the manifest, and its folder
 
 
-def crash_in_sync(monkeypatch, number: int) -> None:
-    monkeypatch.setattr(map_directory, "_sync", Crash(map_directory._sync, number, KeyboardInterrupt()))
+def crash_in_sync(monkeypatch, number: int) -> Crash:
+    crash = Crash(os.fsync, number, KeyboardInterrupt())
+    monkeypatch.setattr(os, "fsync", crash)
+    return crash
 
 
 def test_a_map_is_put_on_the_disk_in_as_many_steps_as_are_tested(tmp_path, monkeypatch):
-    crash_in_sync(monkeypatch, 99)
+    crash = crash_in_sync(monkeypatch, 99)
     save_map(small_grid(5), tmp_path / "map")
-    assert map_directory._sync.n_calls == N_SYNCS
+    assert crash.n_calls == N_SYNCS
+    save_map(small_grid(5), tmp_path / "map", force=True)
+    assert crash.n_calls == N_SYNCS + N_SYNCS_OF_REPLACING
 
 
-@pytest.mark.parametrize("number", range(1, N_SYNCS + 1))
-def test_an_interrupt_at_any_step_of_replacing_leaves_one_whole_map(saved, monkeypatch, number):
+@pytest.mark.parametrize("number", range(1, N_SYNCS_OF_REPLACING + 1))
+def test_an_interrupt_at_any_step_of_replacing_leaves_one_whole_map(saved, tmp_path, monkeypatch, number):
     crash_in_sync(monkeypatch, number)
     with pytest.raises(KeyboardInterrupt):
         save_map(small_grid(5), saved, force=True)
-    assert open_map(saved).n_scans in (5, 12)
+    assert open_map(saved).n_scans == (12 if number < N_SYNCS_OF_REPLACING - 1 else 5)
     assert len(ask_everything(saved)) > 0
-
-
-@pytest.mark.parametrize("number", range(1, N_SYNCS))
-def test_an_interrupt_at_any_step_before_the_last_leaves_no_debris(saved, tmp_path, monkeypatch, number):
-    crash_in_sync(monkeypatch, number)
-    with pytest.raises(KeyboardInterrupt):
-        save_map(small_grid(5), saved, force=True)
+    assert debris(saved) == []
     assert [file.name for file in tmp_path.iterdir()] == ["map"]
-    assert sorted(file.name.split("-")[0] for file in saved.iterdir()) == ["data", "map.json"]
 
 
 @pytest.mark.parametrize("number", range(1, N_SYNCS + 1))
@@ -428,10 +464,13 @@ def test_an_interrupt_at_any_step_of_a_new_map_leaves_all_of_it_or_nothing(tmp_p
 
 
 def test_debris_of_an_earlier_crash_is_cleared_by_the_next_save(saved):
-    (saved / "data-12345678").mkdir()
-    (saved / "data-12345678" / "scans.parquet").write_bytes(b"half")
+    for name in ("data-12345678", "segments/0000000012-12345678"):
+        (saved / name).mkdir()
+        (saved / name / "scans.parquet").write_bytes(b"half")
+    (saved / "map.json.unfinished").write_text("{")
     save_map(small_grid(5), saved, force=True)
-    assert sorted(file.name for file in saved.iterdir()) == [data_of(saved).name, "map.json"]
+    assert debris(saved) == []
+    assert data_of(saved).is_dir()
 
 
 # Reading: damage is told as damage.
@@ -454,8 +493,8 @@ def test_a_file_that_is_no_map_is_told_so(tmp_path):
 
 
 def test_a_map_of_a_newer_format_says_upgrade(saved):
-    edit_manifest(saved, format_version=2, tempog_version="9.9")
-    with pytest.raises(MapError, match=r"map format 2, written by tempog 9\.9.*Upgrade tempog"):
+    edit_manifest(saved, format_version=3, tempog_version="9.9")
+    with pytest.raises(MapError, match=r"map format 3, written by tempog 9\.9.*Upgrade tempog"):
         open_map(saved)
 
 
@@ -479,12 +518,57 @@ def test_a_map_json_that_is_no_text_is_refused(saved):
         open_map(saved)
 
 
-@pytest.mark.parametrize("key", ["data", "config", "n_scans", "n_intervals", "n_cells", "sources"])
-@pytest.mark.parametrize("value", [None, 1.5])
-def test_an_unusable_entry_of_map_json_is_named(saved, key, value):
-    edit_manifest(saved, **{key: value})
-    with pytest.raises(MapError, match=rf"damaged: map\.json has no usable '{key}'"):
+def edit_entry(path, where, key, value) -> None:
+    """Change an entry of map.json, of its first session or of its first segment; GONE removes it."""
+    document = json.loads((path / "map.json").read_text())
+    entries = {"map": document, "session": document["sessions"][0], "segment": document["strands"][0][0]}[where]
+    entries[key] = value
+    if value is GONE:
+        del entries[key]
+    (path / "map.json").write_text(json.dumps(document))
+
+
+GONE = object()
+ENTRIES = [("map", key) for key in ("config", "strands", "sessions", "pruned", "retired", "id")]
+ENTRIES += [("session", one.name) for one in dataclasses.fields(manifest.Session)]
+ENTRIES += [("segment", one.name) for one in dataclasses.fields(manifest.Segment)]
+
+
+@pytest.mark.parametrize(("where", "key"), ENTRIES)
+@pytest.mark.parametrize("value", [None, 1.5, GONE], ids=["none", "number", "gone"])
+def test_an_unusable_entry_of_map_json_is_named(saved, where, key, value):
+    edit_entry(saved, where, key, value)
+    with pytest.raises(MapError, match=rf"damaged: map\.json: no usable '{key}'"):
         open_map(saved)
+
+
+@pytest.mark.parametrize(
+    ("where", "key", "value"),
+    [
+        ("map", "strands", [5]),
+        ("map", "strands", [[5]]),
+        ("map", "sessions", [None]),
+        ("map", "retired", {"segments/0000000000-12345678": "yesterday"}),
+        ("map", "retired", {"../elsewhere": 0.0}),
+        ("map", "retired", {"segments/..": 0.0}),
+        ("map", "retired", {"journal": 0.0}),
+        ("session", "strand", 1),
+        ("session", "strand", -1),
+        ("session", "config", {"paint": 1}),
+        ("session", "config", {"grid": {"gap_s": "long"}}),
+        ("segment", "n_scans", 11),
+        ("segment", "n_scans", -12),
+    ],
+)
+def test_an_entry_that_cannot_be_is_told(saved, where, key, value):
+    edit_entry(saved, where, key, value)
+    with pytest.raises(MapError, match="is damaged"):
+        ask_everything(saved)
+
+
+def test_settings_that_a_session_does_not_tell_are_the_default_ones(saved):
+    edit_entry(saved, "session", "config", {})
+    assert open_map(saved).sessions[0].config == MapConfig().to_dict()
 
 
 @pytest.mark.parametrize(
@@ -506,12 +590,12 @@ def test_settings_that_cannot_be_are_told_as_damage(saved, config):
         open_map(saved)
 
 
-@pytest.mark.parametrize("data", ["../elsewhere", "/etc", "data-x/..", "..", ".", ""])
-def test_a_data_folder_outside_the_map_is_refused(saved, tmp_path, data):
+@pytest.mark.parametrize("data", ["../elsewhere", "/etc", "data-x/..", "..", ".", "", "segments/..", "segments"])
+def test_a_segment_outside_the_map_is_refused(saved, tmp_path, data):
     # whole tables lie one folder up and in the map itself, where a map must not look for them
     for folder in (tmp_path, saved, tmp_path / "elsewhere"):
         shutil.copytree(data_of(saved), folder, dirs_exist_ok=True)
-    edit_manifest(saved, data=data)
+    edit_entry(saved, "segment", "name", data)
     with pytest.raises(MapError):
         open_map(saved)
 
@@ -544,7 +628,8 @@ COLUMNS = {
     "scans": ["stamp_ns", "x", "y", "theta"],
     "tiles": ["row", "col"],
     "intervals": ["cell", "first_scan", "span", "prob"],
-    "surfaces": ["cell", "hits", *map_directory.MOMENTS],
+    "open": ["cell", "first_scan", "span", "prob"],
+    "surfaces": ["cell", "hits", *tables.MOMENTS],
 }
 
 
@@ -582,6 +667,12 @@ def test_a_column_of_another_kind_is_told(saved, table, column):
         ("intervals", "first_scan", -1),
         ("intervals", "span", 2**31 - 1),
         ("intervals", "span", -1),
+        ("open", "cell", -1),
+        ("open", "cell", 2**30),
+        ("open", "first_scan", 12),
+        ("open", "first_scan", -1),
+        ("open", "span", 2**31 - 1),
+        ("open", "span", -1),
         ("surfaces", "cell", 2**30),
         ("surfaces", "cell", -1),
         ("tiles", "row", 2**31 - 1),
@@ -600,8 +691,9 @@ def test_a_number_that_cannot_be_is_told(saved, table, column, value):
         ask_everything(saved)
 
 
-def test_intervals_out_of_order_are_told(saved):
-    edit_table(saved, "intervals", lambda whole: whole.take(list(range(len(whole)))[::-1]))
+@pytest.mark.parametrize("table", ["intervals", "open"])
+def test_intervals_out_of_order_are_told(saved, table):
+    edit_table(saved, table, lambda whole: whole.take(list(range(len(whole)))[::-1]))
     with pytest.raises(MapError, match="not sorted by cell"):
         ask_everything(saved)
 
@@ -617,8 +709,11 @@ def test_tables_written_by_another_program_are_read(saved):
 
 
 @pytest.fixture(scope="module")
-def sound_map(tmp_path_factory):
-    return save_map(small_grid(), tmp_path_factory.mktemp("sound") / "map")
+def sound_map():
+    memory = Path("/dev/shm")
+    folder = Path(tempfile.mkdtemp(dir=memory if memory.is_dir() else None))
+    yield save_map(small_grid(), folder / "map")
+    shutil.rmtree(folder)
 
 
 @given(st.sampled_from(FILES), st.lists(st.tuples(st.floats(0, 0.999), st.integers(1, 255)), min_size=1, max_size=3))
@@ -628,21 +723,24 @@ def sound_map(tmp_path_factory):
     derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
-def test_a_map_with_flipped_bits_is_read_or_told_as_damaged(sound_map, tmp_path_factory, name, flips):
-    path = tmp_path_factory.mktemp("flipped") / "map"
-    shutil.copytree(sound_map, path)
-    file = file_of(path, name)
-    content = bytearray(file.read_bytes())
+def test_a_map_with_flipped_bits_is_read_or_told_as_damaged(sound_map, name, flips):
+    file = file_of(sound_map, name)
+    sound = file.read_bytes()
+    spoiled = bytearray(sound)
     for place, mask in flips:
-        content[int(place * len(content))] ^= mask
-    file.write_bytes(bytes(content))
-    with suppress(MapError, TimeError):  # other stamps are no damage that shows, but the questions miss them
-        ask_everything(path)
-    shutil.rmtree(path.parent)
+        spoiled[int(place * len(spoiled))] ^= mask
+    file.write_bytes(spoiled)
+    try:
+        with suppress(MapError, TimeError):  # other stamps are no damage that shows, but the questions miss them
+            ask_everything(sound_map)
+            (session,) = open_map(sound_map).sessions
+            open_map(sound_map, sessions=[session.id]).at("+1")
+    finally:
+        file.write_bytes(sound)
 
 
 def test_two_processes_do_not_replace_one_map_at_once(saved):
-    with map_directory._only_writer(saved), pytest.raises(MapError, match="by another process"):
+    with only_writer(saved), pytest.raises(MapError, match="by another process"):
         save_map(small_grid(5), saved, force=True)
     assert open_map(saved).n_scans == 12
     save_map(small_grid(5), saved, force=True)

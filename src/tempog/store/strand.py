@@ -111,10 +111,10 @@ class Strand(History):
     def surfaces(self) -> SurfaceMemory:
         """Where inside each cell the hits fell; read when first asked for."""
         since = self._full_by(len(self.segments))
-        hits = overlaid_hits([SegmentFiles(self.root, segment).hits() for segment in self.segments[since:]])
-        if len(hits.cells) and not 0 <= hits.cells.min() <= hits.cells.max() < self.tiles.n_cells:
-            raise damaged(self.root, "surfaces.parquet points at cells that do not exist")
-        return SurfaceMemory.of(self.tiles.n_cells, *hits)
+        parts = [SegmentFiles(self.root, segment).hits() for segment in self.segments[since:]]
+        for part in parts:
+            self._require_cells(part.cells)
+        return SurfaceMemory.of(self.tiles.n_cells, *overlaid_hits(parts))
 
     # Intervals.
 
@@ -248,15 +248,20 @@ class Strand(History):
         """The intervals that might go on when so many segments had ended, of a range of cells at least, or of all."""
         since = self._full_by(n_segments)
         sets = [SegmentFiles(self.root, segment).open_runs(cells) for segment in self.segments[since:n_segments]]
+        for runs in sets:
+            self._require_cells(runs.cells)
         return self._checked(overlaid_runs(sets))
 
     def _full_by(self, n_segments: int) -> int:
         """The last of the first `n_segments` whose tables hold all cells."""
         return max((k for k in range(n_segments) if self.segments[k].full), default=0)
 
+    def _require_cells(self, cells: NDArray[np.int32]) -> None:
+        if len(cells) and not 0 <= cells.min() <= cells.max() < self.tiles.n_cells:
+            raise damaged(self.root, "a table points at a cell that does not exist")
+
     def _checked(self, runs: Runs) -> Runs:
-        if len(runs.cells) and runs.cells[-1] >= self.tiles.n_cells:
-            raise damaged(self.root, "an interval points at a cell that does not exist")
+        self._require_cells(runs.cells[-1:])
         runs = self.rebased(runs)
         if len(runs.last) and (runs.last.max() >= self.n_scans or runs.first.min() < 0):
             raise damaged(self.root, "an interval points at a scan that does not exist")

@@ -215,6 +215,8 @@ def test_what_fails_after_the_rename_does_not_undo_the_commit(root, monkeypatch,
         return original(path, *args)
 
     monkeypatch.setattr(module, function, fails)
+    if function == "remove_journals":
+        monkeypatch.setattr(session_writer, function, fails)
     with LiveMap(root, CONFIG, flush_s=0.5) as live:
         for scan in SCANS:
             live.integrate(scan)

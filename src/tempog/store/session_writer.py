@@ -6,6 +6,7 @@ import hashlib
 import math
 from collections import deque
 from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -121,7 +122,8 @@ class SessionWriter:
             self._committer.finish()
             if self._journal is not None:
                 self._journal.close()
-        remove_journals(self.root / JOURNAL)
+        with suppress(OSError):  # all of it was committed
+            remove_journals(self.root / JOURNAL)
 
     def abandon(self) -> None:
         """End without a last commit; what is in the journal stays there."""

@@ -12,6 +12,7 @@ from fed_grid import begin_session, empty_grid, feed, grid_of
 from fixed_history import FixedHistory, a_folder, cells_of, strand_of_small_segments, tiles_of
 from oracle.overlay import latest_begun, overlay
 from questions import ask_all
+from same_answers import assert_same_states, moments_of_interest
 from strategies import NS, Stream, odd_scans, streams
 from tempog.config import GridConfig, MapConfig, SensingConfig
 from tempog.grid.history import History
@@ -22,7 +23,14 @@ from tempog.sensing.cells import find_lines
 from tempog.sensing.evidence import Sensor
 
 QUICK = settings(max_examples=60, deadline=None, derandomize=True)
-VALUES = [np.float32(value).item() for value in (0.1, 0.25, 0.9)]
+
+
+def as_kept(number: float) -> float:
+    """As a history keeps it."""
+    return float(np.float32(number))
+
+
+VALUES = [as_kept(0.1), as_kept(0.25), as_kept(0.9)]
 
 
 @st.composite
@@ -165,6 +173,20 @@ def test_histories_put_together_answer_as_the_oracle(grids, most_intervals, data
         if most_intervals is not None:
             parts = [strand_of_small_segments(grid, folder / str(k), most_intervals) for k, grid in enumerate(grids)]
         ask_all(data, Merged(parts), slowly_merged(grids), Merged(grids).stamps_ns.tolist())
+
+
+def test_a_state_ends_with_the_look_before_another_one_is_believed():
+    stamps = [k * NS for k in range(6)]
+    of = {0: [0, 2, 5], 1: [3]}  # robot 1 sees the cell free between two looks of robot 0 that see it occupied
+    grids = []
+    for robot, scans in of.items():
+        said = [[((0, 0), 0.1 if robot else 0.9)] for _ in scans]
+        grids.append(grid_of(Stream([stamps[k] for k in scans], said, 10 * NS, 0.2)))
+    merged, wanted = Merged(grids), slowly_merged(grids)
+    assert cells_of(merged)[0, 0] == [(0, 1, as_kept(0.9)), (2, 2, as_kept(0.1)), (3, 3, as_kept(0.9))]
+    for hold in (None, 0.1, 1.0):
+        for t_ns in moments_of_interest(stamps):
+            assert_same_states(merged, wanted, t_ns, hold)
 
 
 @given(grids_at_one_time(2), st.sampled_from([None, 3]), st.data())

@@ -130,6 +130,10 @@ class Merged(History):
                 history, all_count = self._parts[part], len(mine) == until + 1
                 found = history.latest_runs(until) if all_count else history.runs_within(0, until)
                 sets += [(part, runs) for runs in found]
+            # What the next scan begins ends what it is believed instead of.
+            for following in np.flatnonzero(number_of == last_scan + 1).tolist():
+                found = self._parts[part].latest_runs(following)
+                sets += [(part, _begun_by(runs, following)) for runs in found]
         return self._overlaid(sets)
 
     def _overlaid(self, sets: list[tuple[int, Runs]]) -> Runs:
@@ -176,6 +180,11 @@ def _union(indices: Sequence[TileIndex]) -> tuple[TileIndex, list[NDArray[np.int
 
 def _renumbered(cells: NDArray[np.int32], tile_of: NDArray[np.int32]) -> NDArray[np.int32]:
     return (tile_of[cells // TILE_CELLS] * TILE_CELLS + cells % TILE_CELLS).astype(np.int32)
+
+
+def _begun_by(runs: Runs, scan: int) -> Runs:
+    which = runs.first == scan
+    return Runs.of(runs.cell[which], runs.first[which], runs.last[which], runs.value[which])
 
 
 def _within(runs: Runs, first_cell: int, end_cell: int) -> Runs:

@@ -12,6 +12,7 @@ from unittest.mock import patch
 
 import numpy as np
 
+from oracle.overlay import overlay
 from tempog.config import MapConfig
 from tempog.grid.history import CellPiece, History
 from tempog.grid.segments import Runs
@@ -86,4 +87,33 @@ def strand_of_small_segments(history: History, folder: Path, most_intervals: int
     contents = contents_of(history, most_intervals)
     return Strand(
         folder, [write_segment(folder, content, n_cells=n_cells) for content, n_cells in contents], history.config
+    )
+
+
+def slowly_merged(grids: list[History], kept: list[np.ndarray] | None = None) -> FixedHistory:
+    """What `Merged` should be, by the oracle, one cell after the other."""
+    kept = [np.ones(grid.n_scans, dtype=bool) for grid in grids] if kept is None else kept
+    scans = sorted(
+        (int(grid.stamps_ns[k]), number, k)
+        for number, grid in enumerate(grids)
+        for k in range(grid.n_scans)
+        if kept[number][k]
+    )
+    new = {(number, k): i for i, (_, number, k) in enumerate(scans)}
+    parts = [
+        {
+            cell: [
+                (new[number, a], new[number, b], value) for a, b, value in intervals if kept[number][a : b + 1].all()
+            ]
+            for cell, intervals in cells_of(grid).items()
+        }
+        for number, grid in enumerate(grids)
+    ]
+    cells = {cell: overlay([part.get(cell, []) for part in parts]) for cell in set().union(*parts)}
+    return FixedHistory(
+        grids[0].config,
+        set().union(*map(tiles_of, grids)),
+        np.array([stamp_ns for stamp_ns, _, _ in scans], dtype=np.int64),
+        np.array([grids[number].poses[k] for _, number, k in scans]),
+        cells,
     )

@@ -6,6 +6,7 @@ import contextlib
 import threading
 from collections.abc import Iterator
 from concurrent.futures import wait
+from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
 
@@ -14,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fed_grid import begin_session, config_of, empty_grid, feed, listening
-from fixed_history import a_folder
+from fixed_history import a_folder, slowly_merged
 from questions import ask, ask_all
 from same_answers import assert_same_intervals, assert_same_states, moments_of_interest
 from strategies import Stream, streams
@@ -102,6 +103,41 @@ def test_a_session_that_is_added_as_a_whole_answers_as_the_grid(stream, data):
                     ask(data, live, grid, stream.stamps_ns[: k + 1])
             assert open_map(folder / "map").n_scans == 0
         ask_all(data, open_map(folder / "map"), grid, stream.stamps_ns)
+
+
+@given(streams(max_scans=15), streams(max_scans=15), st.data())
+@settings(QUICK, max_examples=25)
+def test_a_live_map_beside_what_others_saw_meanwhile_answers_as_the_oracle(stream, others, data):
+    shift = data.draw(st.sampled_from([-(10**9), 0, 1, 123_456_789])) + stream.stamps_ns[0] - others.stamps_ns[0]
+    stamps = [stamp_ns + shift for stamp_ns in others.stamps_ns]
+    others = replace(others, stamps_ns=stamps, gap_ns=stream.gap_ns)
+    early, late = sorted((stream, others), key=lambda one: one.stamps_ns[-1], reverse=True)
+    known, mine = empty_grid(early), empty_grid(late)
+    with a_folder() as folder, small_segments(2, 8):
+        with (
+            listening(early),
+            LiveMap(folder / "map", config_of(early), session="0", scan_period_s=ANY_SCANS_S) as first,
+        ):
+            for stamp_ns in early.stamps_ns:
+                feed(known, stamp_ns)
+                feed(first, stamp_ns)
+        follows = early.stamps_ns[-1] <= late.stamps_ns[0]
+        how = {"session": "1", "flush_s": data.draw(st.sampled_from([0.15, 1e6])), "scan_period_s": ANY_SCANS_S}
+        with listening(late), LiveMap(folder / "map", config_of(late), **how) as live:
+            for k, stamp_ns in enumerate(late.stamps_ns):
+                feed(live, stamp_ns, x=k)
+                feed(mine, stamp_ns, x=k)
+                then = data.draw(st.sampled_from(["go on", "flush", "ask"]))
+                if then == "flush":
+                    live.flush()
+                elif then == "ask" and not follows:
+                    wanted = slowly_merged([mine, known])
+                    ask(data, live, wanted, wanted.stamps_ns.tolist())
+        assert len(open_map(folder / "map").manifest.strands) == 1 + (not follows)
+        if not follows:
+            wanted = slowly_merged([known, mine])
+            ask_all(data, open_map(folder / "map"), wanted, wanted.stamps_ns.tolist())
+            ask_all(data, open_map(folder / "map", sessions=["1"]), slowly_merged([mine]), late.stamps_ns)
 
 
 def test_commits_that_waited_for_each_other_are_not_taken_for_each_other(tmp_path):

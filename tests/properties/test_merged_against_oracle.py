@@ -9,13 +9,12 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from fed_grid import begin_session, empty_grid, feed, grid_of
-from fixed_history import FixedHistory, a_folder, cells_of, strand_of_small_segments, tiles_of
+from fixed_history import a_folder, cells_of, slowly_merged, strand_of_small_segments
 from oracle.overlay import latest_begun, overlay
 from questions import ask_all
 from same_answers import assert_same_states, moments_of_interest
 from strategies import NS, Stream, odd_scans, streams
 from tempog.config import GridConfig, MapConfig, SensingConfig
-from tempog.grid.history import History
 from tempog.grid.merged import Merged
 from tempog.grid.overlay import overlay as overlay_kernel
 from tempog.grid.temporal_grid import TemporalGrid
@@ -134,35 +133,6 @@ def grids_at_one_time(draw, most: int = 3) -> list[TemporalGrid]:
             feed(grid, stamp_ns, x=100 * number + k)
         grids.append(grid)
     return grids
-
-
-def slowly_merged(grids: list[History], kept: list[np.ndarray] | None = None) -> FixedHistory:
-    """What `Merged` should be, by the oracle, one cell after the other."""
-    kept = [np.ones(grid.n_scans, dtype=bool) for grid in grids] if kept is None else kept
-    scans = sorted(
-        (int(grid.stamps_ns[k]), number, k)
-        for number, grid in enumerate(grids)
-        for k in range(grid.n_scans)
-        if kept[number][k]
-    )
-    new = {(number, k): i for i, (_, number, k) in enumerate(scans)}
-    parts = [
-        {
-            cell: [
-                (new[number, a], new[number, b], value) for a, b, value in intervals if kept[number][a : b + 1].all()
-            ]
-            for cell, intervals in cells_of(grid).items()
-        }
-        for number, grid in enumerate(grids)
-    ]
-    cells = {cell: overlay([part.get(cell, []) for part in parts]) for cell in set().union(*parts)}
-    return FixedHistory(
-        grids[0].config,
-        set().union(*map(tiles_of, grids)),
-        np.array([stamp_ns for stamp_ns, _, _ in scans], dtype=np.int64),
-        np.array([grids[number].poses[k] for _, number, k in scans]),
-        cells,
-    )
 
 
 @given(grids_at_one_time(), st.sampled_from([None, 1, 4]), st.data())

@@ -58,6 +58,14 @@ class Runs(NamedTuple):
         """Of each interval, the number of its cell."""
         return np.repeat(self.cells, np.diff(self.offsets))
 
+    def of_cells(self, first_cell: int, end_cell: int) -> Runs:
+        """A copy of the intervals of a range of cells, from the first to before the last."""
+        of = slice(*np.searchsorted(self.cells, np.array([first_cell, end_cell], dtype=np.int32)))
+        begin, end = self.offsets[of.start], self.offsets[of.stop]
+        offsets = self.offsets[of.start : of.stop + 1] - begin
+        first, last, value = self.first[begin:end], self.last[begin:end], self.value[begin:end]
+        return Runs(self.cells[of].copy(), offsets, first.copy(), last.copy(), value.copy())
+
     def of_cell(self, cell: int) -> slice:
         """Where the intervals of one cell are; empty if it has none."""
         i = int(np.searchsorted(self.cells, np.int32(cell)))  # another type would copy the array

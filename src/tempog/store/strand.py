@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import bisect
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
-from functools import cached_property
+from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +18,16 @@ from tempog.grid.merged import Merged
 from tempog.grid.segments import Runs
 from tempog.sensing.grid_spec import GridSpec
 from tempog.sensing.surfaces import SurfaceMemory
-from tempog.sensing.tiles import TileIndex
+from tempog.sensing.tiles import TILE_CELLS, TileIndex
 from tempog.store.manifest import Manifest, Segment, damaged
 from tempog.store.segment_files import SegmentFiles, overlaid_hits, overlaid_runs
 from tempog.times import MAX_NS, NS_PER_S
 
+Cells = tuple[int, int]
+
 HELD_INTERVALS = 2**28  # 3.5 GB; what was read is kept for the next question up to here
+HELD_PARTS = 2**10  # of segments that were not read as a whole, of so few tiles each that they take some kilobytes
+MOST_TILES_HELD = 16
 SHARE_OF_MANY = 0.25  # of all cells: from there on reading parts of files is no gain
 HELD_STATES = 4  # states of all cells between segments: for questions that go back and forth
 
@@ -57,6 +61,7 @@ class Strand(History):
         self.longest_gap_s = self.gap_s
         self._held: OrderedDict[str, Runs] = OrderedDict()
         self._held_scans: dict[str, tuple[NDArray[np.int64], NDArray[np.float64]]] = {}
+        self._held_parts: OrderedDict[tuple[str, int, int], Runs] = OrderedDict()
         self._known_states: OrderedDict[str, Runs] = OrderedDict()
         self.base = self.segments[0].first_scan if self.segments else 0
         for segment in self.segments:
@@ -147,7 +152,9 @@ class Strand(History):
         if is_known or self._are_many(first_cell, end_cell):
             yield self.state_after(n_segments)
         else:
-            yield self._open_runs(n_segments, (first_cell, end_cell))
+            latest = self.segments[-1]
+            read = partial(self._overlaid_open, n_segments)
+            yield self._part(f"{latest.name}/open", latest, (first_cell, end_cell), read)
 
     def sealed_of_cells(self, first_cell: int, end_cell: int) -> Iterator[Runs]:
         """Those that ended of cells in a range of numbers, and others."""
@@ -155,8 +162,9 @@ class Strand(History):
             yield from self.sealed_runs()
             return
         for segment in self.segments:
+            files = SegmentFiles(self.root, segment)
             held = self._held.get(segment.name)
-            yield held or self._checked(SegmentFiles(self.root, segment).sealed((first_cell, end_cell)))
+            yield held or self._part(segment.name, segment, (first_cell, end_cell), files.sealed)
 
     def _are_many(self, first_cell: int, end_cell: int) -> bool:
         """Whether a range is so much of the map that all is read, and kept for the next question."""
@@ -176,7 +184,7 @@ class Strand(History):
             return overlaid_runs([])
         name = self.segments[n_segments - 1].name
         if name not in self._known_states:
-            self._known_states[name] = self._open_runs(n_segments)
+            self._known_states[name] = self._checked(self._overlaid_open(n_segments))
             while len(self._known_states) > HELD_STATES:
                 self._known_states.popitem(last=False)
         self._known_states.move_to_end(name)
@@ -226,12 +234,15 @@ class Strand(History):
             for name in [name for name in held if name not in kept]:
                 del held[name]
         self._known_states.clear()
+        self._held_parts.clear()
 
     @property
     def held_bytes(self) -> int:
         """Bytes of the intervals and scans that are held in memory."""
-        runs = sum(held.nbytes for held in (*self._held.values(), *self._known_states.values()))
-        return runs + sum(part.nbytes for scans in self._held_scans.values() for part in scans)
+        sets = (*self._held.values(), *self._held_parts.values(), *self._known_states.values())
+        return sum(held.nbytes for held in sets) + sum(
+            part.nbytes for scans in self._held_scans.values() for part in scans
+        )
 
     def _sealed(self, segment: Segment) -> Runs:
         if segment.name in self._held:
@@ -244,13 +255,28 @@ class Strand(History):
                 self._held.popitem(last=False)
         return runs
 
-    def _open_runs(self, n_segments: int, cells: tuple[int, int] | None = None) -> Runs:
+    def _part(self, name: str, segment: Segment, cells: Cells, read: Callable[[Cells], Runs]) -> Runs:
+        """What is read of the tiles that hold some cells; kept, as the next question is often about them."""
+        tiles = cells[0] // TILE_CELLS, -(-cells[1] // TILE_CELLS)
+        key = name, *tiles
+        if key in self._held_parts:
+            self._held_parts.move_to_end(key)
+            return self._held_parts[key]
+        cells = tiles[0] * TILE_CELLS, tiles[1] * TILE_CELLS
+        runs = self._checked(read(cells)).of_cells(*cells)
+        if tiles[1] - tiles[0] <= MOST_TILES_HELD and segment.stop_ns >= self.held_since_ns:
+            self._held_parts[key] = runs
+            while len(self._held_parts) > HELD_PARTS:
+                self._held_parts.popitem(last=False)
+        return runs
+
+    def _overlaid_open(self, n_segments: int, cells: Cells | None = None) -> Runs:
         """The intervals that might go on when so many segments had ended, of a range of cells at least, or of all."""
         since = self._full_by(n_segments)
         sets = [SegmentFiles(self.root, segment).open_runs(cells) for segment in self.segments[since:n_segments]]
         for runs in sets:
             self._require_cells(runs.cells)
-        return self._checked(overlaid_runs(sets))
+        return overlaid_runs(sets)
 
     def _full_by(self, n_segments: int) -> int:
         """The last of the first `n_segments` whose tables hold all cells."""

@@ -17,6 +17,7 @@ import queries
 import simulate
 import sizes
 import startup
+import storage
 import tables
 from report import Section, describe_run
 
@@ -37,8 +38,10 @@ BENCHMARKS: dict[str, Benchmark] = {
     "simulate": simulate.run,
     "objects": objects.run,
     "cluster": cluster.run,
+    "storage": storage.run,
 }
-ON_REQUEST: dict[str, Benchmark] = {"tables": tables.run}  # half an hour, and of no use to a user of tempog
+# Half an hour of no use to a user of tempog, and parts of `storage`.
+ON_REQUEST: dict[str, Benchmark] = {"tables": tables.run} | storage.PARTS
 
 
 def main() -> None:

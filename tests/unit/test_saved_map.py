@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tempog.store.map_directory import hash_file, open_map, save_map
 
 from same_history import debris
 from tempog.analysis.dynamics import map_dynamics

@@ -17,7 +17,6 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tempog.store.map_directory import hash_file, open_map, save_map
 
 from same_history import debris
 from tempog.analysis.dynamics import map_dynamics
@@ -719,7 +718,7 @@ def sound_map():
 
 @given(st.sampled_from(FILES), st.lists(st.tuples(st.floats(0, 0.999), st.integers(1, 255)), min_size=1, max_size=3))
 @settings(
-    max_examples=150,
+    max_examples=300,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],

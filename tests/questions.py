@@ -44,7 +44,9 @@ def ask(data: st.DataObject, got: History, wanted: History, stamps: list[int]) -
         assert_same_intervals(got, wanted)
     else:
         parts = [got, wanted]
-        for kind in data.draw(st.sampled_from([["window"], ["area"], ["window", "area"], ["area", "window"]])):
+        for kind in data.draw(
+            st.sampled_from([["window"], ["area"], ["window", "area"], ["area", "window"], ["area", "area"]])
+        ):
             if kind == "area":
                 bounds = data.draw(st.sampled_from([(0.0, 0.3, 0.0, 0.3), (-0.4, 0.1, -20.0, 0.2)]))
                 how = {"x_min": bounds[0], "x_max": bounds[1], "y_min": bounds[2], "y_max": bounds[3]}

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tempog.errors import EmptyWindowError
 from tempog.grid.history import CellPiece, History
-from tempog.grid.segments import Runs
+from tempog.grid.segments import Runs, of_tiles
 from tempog.sensing.grid_spec import Bounds
 from tempog.sensing.tiles import TILE, TILE_BITS, TILE_CELLS, TileIndex
 
@@ -59,27 +59,31 @@ class Area(History):
 
     def runs(self) -> Iterator[Runs]:
         """The intervals of the area's cells, in sets from oldest to newest."""
-        for runs in self._whole.runs_of_cells(
-            int(self._kept[0]) * TILE_CELLS, (int(self._kept[-1]) + 1) * TILE_CELLS
-        ):
-            # A tile's cells follow each other, and so do their intervals.
-            first = np.searchsorted(runs.cells, self._kept * TILE_CELLS)
-            end = np.searchsorted(runs.cells, (self._kept + 1) * TILE_CELLS)
-            which = _ranges(first, end)
-            moved = np.repeat((np.arange(len(self._kept), dtype=np.int32) - self._kept) * TILE_CELLS, end - first)
-            lengths = runs.offsets[which + 1] - runs.offsets[which]
-            offsets = np.concatenate([[0], np.cumsum(lengths)])
-            where = _ranges(runs.offsets[first], runs.offsets[end])
-            yield Runs(runs.cells[which] + moved, offsets, runs.first[where], runs.last[where], runs.value[where])
+        return self.runs_of_tiles(self._all_tiles)
+
+    def runs_within(self, first_scan: int, last_scan: int) -> Iterator[Runs]:
+        """The intervals that the scans of a period saw, and others."""
+        return self.runs_of_tiles(self._all_tiles, first_scan, last_scan)
+
+    def latest_runs(self, last_scan: int) -> Iterator[Runs]:
+        """Each cell's latest interval that began by a scan, and others."""
+        return self.runs_of_tiles(self._all_tiles, last_scan, last_scan)
+
+    def runs_of_tiles(
+        self, tiles: NDArray[np.int32], first_scan: int | None = None, last_scan: int | None = None
+    ) -> Iterator[Runs]:
+        """The intervals of the cells of some of its tiles, of a period or all, and others."""
+        of_whole = self._kept[tiles]
+        for runs in self._whole.runs_of_tiles(of_whole, first_scan, last_scan):
+            found = of_tiles(runs, of_whole)
+            here = tiles[np.searchsorted(of_whole, found.cells >> 2 * TILE_BITS)]
+            yield found._replace(cells=here * TILE_CELLS + (found.cells & (TILE_CELLS - 1)))
+
+    @property
+    def _all_tiles(self) -> NDArray[np.int32]:
+        return np.arange(self.tiles.n_tiles, dtype=np.int32)
 
     def runs_of_cell(self, cell: int) -> list[CellPiece]:
         """First scans, last scans and values of one cell's intervals, in pieces in time order."""
         within = cell % TILE_CELLS
         return self._whole.runs_of_cell(int(self._kept[cell >> 2 * TILE_BITS]) * TILE_CELLS + within)
-
-
-def _ranges(first: NDArray[np.int64], end: NDArray[np.int64]) -> NDArray[np.int64]:
-    """All numbers from each first to before each end, one range after the other."""
-    lengths = end - first
-    before = np.cumsum(lengths) - lengths
-    return np.asarray(np.arange(int(lengths.sum())) + np.repeat(first - before, lengths))

@@ -72,9 +72,11 @@ class Delegate(History):
         """Each cell's latest interval that began by a scan, and others."""
         return self._whole.latest_runs(last_scan)
 
-    def runs_of_cells(self, first_cell: int, end_cell: int) -> Iterator[Runs]:
-        """The intervals of cells in a range of numbers, and others."""
-        return self._whole.runs_of_cells(first_cell, end_cell)
+    def runs_of_tiles(
+        self, tiles: NDArray[np.int32], first_scan: int | None = None, last_scan: int | None = None
+    ) -> Iterator[Runs]:
+        """The intervals of the cells of some tiles, of a period or all, and others."""
+        return self._whole.runs_of_tiles(tiles, first_scan, last_scan)
 
     def runs_of_cell(self, cell: int) -> list[CellPiece]:
         """First scans, last scans and values of one cell's intervals, in pieces in time order."""

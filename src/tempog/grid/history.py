@@ -158,8 +158,14 @@ class History(ABC):
         """Each cell's latest interval that began by a scan, ordered as in `runs`; others may be among them."""
         return self.runs()
 
-    def runs_of_cells(self, first_cell: int, end_cell: int) -> Iterator[Runs]:
-        """The intervals of cells in a range of numbers, ordered as in `runs`; others may be among them."""
+    def runs_of_tiles(
+        self, tiles: NDArray[np.int32], first_scan: int | None = None, last_scan: int | None = None
+    ) -> Iterator[Runs]:
+        """The intervals of the cells of some tiles, ordered as in `runs`; others may be among them.
+
+        Numbers of tiles ascend. Of a period, by default all of it, from the one that was each cell's latest at its
+        first scan to the one that was at its last; one that goes on after the period may end anywhere after it.
+        """
         return self.runs()
 
     def all_runs(self) -> Runs:
@@ -428,9 +434,13 @@ class Window(History):
         """Each cell's latest interval that began by a scan, and others."""
         return self._whole.latest_runs(last_scan)
 
-    def runs_of_cells(self, first_cell: int, end_cell: int) -> Iterator[Runs]:
-        """The intervals of cells in a range of numbers, and others."""
-        return self._whole.runs_of_cells(first_cell, end_cell)
+    def runs_of_tiles(
+        self, tiles: NDArray[np.int32], first_scan: int | None = None, last_scan: int | None = None
+    ) -> Iterator[Runs]:
+        """The intervals of the cells of some tiles, by default within the period, and others."""
+        first_scan = self._first_scan if first_scan is None else first_scan
+        last_scan = self._last_scan if last_scan is None else last_scan
+        return self._whole.runs_of_tiles(tiles, first_scan, last_scan)
 
     def runs_of_cell(self, cell: int) -> list[CellPiece]:
         """All intervals of one cell, those outside the period too."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tempog.errors import ConfigError
 from tempog.grid.history import CellPiece, History
 from tempog.grid.overlay import overlay
-from tempog.grid.segments import Runs
+from tempog.grid.segments import Runs, of_tiles
 from tempog.sensing.surfaces import SurfaceMemory, pooled
 from tempog.sensing.tiles import TILE_CELLS, TileIndex
 
@@ -94,31 +94,46 @@ class Merged(History):
         """Each cell's latest interval that began by a scan, and others."""
         yield self._known(("latest", last_scan), lambda: self._overlaid_latest(last_scan))
 
-    def runs_of_cells(self, first_cell: int, end_cell: int) -> Iterator[Runs]:
-        """The intervals of cells in a range of numbers."""
+    def runs_of_tiles(
+        self, tiles: NDArray[np.int32], first_scan: int | None = None, last_scan: int | None = None
+    ) -> Iterator[Runs]:
+        """The intervals of the cells of some tiles, of a period or all."""
+        first_scan = 0 if first_scan is None else first_scan
+        last_scan = len(self._stamps_ns) - 1 if last_scan is None else last_scan
         sets = []
-        for part, (tiles, tile_of) in enumerate(zip([p.tiles for p in self._parts], self._tile_of, strict=True)):
-            cells = _renumbered(np.arange(tiles.n_cells, dtype=np.int32), tile_of)
-            mine = np.flatnonzero((cells >= first_cell) & (cells < end_cell))
-            if len(mine):
-                found = self._parts[part].runs_of_cells(int(mine[0]), int(mine[-1]) + 1)
-                sets += [(part, runs) for runs in found]
-        yield _within(self._overlaid(sets), first_cell, end_cell)
+        for part, (history, tile_of) in enumerate(zip(self._parts, self._tile_of, strict=True)):
+            wanted = np.flatnonzero(np.isin(tile_of, tiles)).astype(np.int32)
+            # What the next scan begins ends what is believed instead of.
+            period = self._of_part(part, first_scan, last_scan + 1)
+            if len(wanted) and period is not None:
+                all_count = bool((self._number_of[part] >= 0).all())
+                found = history.runs_of_tiles(wanted, period[0] if all_count else 0, period[1])
+                sets += [(part, of_tiles(runs, wanted)) for runs in found]
+        yield self._overlaid(sets)
 
     def runs_of_cell(self, cell: int) -> list[CellPiece]:
         """First scans, last scans and values of one cell's intervals."""
-        (runs,) = self.runs_of_cells(cell, cell + 1)
-        return [(runs.first, runs.last, runs.value)]
+        (runs,) = self.runs_of_tiles(np.array([cell // TILE_CELLS], dtype=np.int32))
+        where = runs.of_cell(cell)
+        return [(runs.first[where], runs.last[where], runs.value[where])]
+
+    def _of_part(self, part: int, first_scan: int, last_scan: int) -> tuple[int, int] | None:
+        """The period of a part, by its own numbers, that reaches over a period; None if no scan of it counts."""
+        number_of = self._number_of[part]
+        mine = np.flatnonzero(number_of >= 0)
+        if not len(mine):
+            return None
+        # An interval may reach over the period though no scan of its part is in it.
+        since = max(int(np.searchsorted(number_of[mine], first_scan, side="right")) - 1, 0)
+        until = min(int(np.searchsorted(number_of[mine], last_scan, side="left")), len(mine) - 1)
+        return int(mine[since]), int(mine[until])
 
     def _overlaid_within(self, first_scan: int, last_scan: int) -> Runs:
         sets = []
-        for part, number_of in enumerate(self._number_of):
-            mine = np.flatnonzero(number_of >= 0)
-            if len(mine):
-                # An interval may reach over the period though no scan of its part is in it.
-                since = max(int(np.searchsorted(number_of[mine], first_scan, side="right")) - 1, 0)
-                until = min(int(np.searchsorted(number_of[mine], last_scan, side="left")), len(mine) - 1)
-                sets += [(part, r) for r in self._parts[part].runs_within(int(mine[since]), int(mine[until]))]
+        for part, history in enumerate(self._parts):
+            period = self._of_part(part, first_scan, last_scan)
+            if period is not None:
+                sets += [(part, runs) for runs in history.runs_within(*period)]
         return self._overlaid(sets)
 
     def _overlaid_latest(self, last_scan: int) -> Runs:
@@ -185,10 +200,3 @@ def _renumbered(cells: NDArray[np.int32], tile_of: NDArray[np.int32]) -> NDArray
 def _begun_by(runs: Runs, scan: int) -> Runs:
     which = runs.first == scan
     return Runs.of(runs.cell[which], runs.first[which], runs.last[which], runs.value[which])
-
-
-def _within(runs: Runs, first_cell: int, end_cell: int) -> Runs:
-    since, until = np.searchsorted(runs.cells, [first_cell, end_cell])
-    begin, end = runs.offsets[since], runs.offsets[until]
-    offsets = runs.offsets[since : until + 1] - begin
-    return Runs(runs.cells[since:until], offsets, runs.first[begin:end], runs.last[begin:end], runs.value[begin:end])

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tempog._jit import kernel
 from tempog.grid.intervals import append_to_cells, count_per_cell
+from tempog.sensing.tiles import TILE_CELLS
 
 
 class Runs(NamedTuple):
@@ -58,14 +59,6 @@ class Runs(NamedTuple):
         """Of each interval, the number of its cell."""
         return np.repeat(self.cells, np.diff(self.offsets))
 
-    def of_cells(self, first_cell: int, end_cell: int) -> Runs:
-        """A copy of the intervals of a range of cells, from the first to before the last."""
-        of = slice(*np.searchsorted(self.cells, np.array([first_cell, end_cell], dtype=np.int32)))
-        begin, end = self.offsets[of.start], self.offsets[of.stop]
-        offsets = self.offsets[of.start : of.stop + 1] - begin
-        first, last, value = self.first[begin:end], self.last[begin:end], self.value[begin:end]
-        return Runs(self.cells[of].copy(), offsets, first.copy(), last.copy(), value.copy())
-
     def of_cell(self, cell: int) -> slice:
         """Where the intervals of one cell are; empty if it has none."""
         i = int(np.searchsorted(self.cells, np.int32(cell)))  # another type would copy the array
@@ -89,6 +82,25 @@ def join(sets: Sequence[Runs]) -> Runs:
     for runs in sets:
         append_to_cells(*runs, places, first, last, value)
     return Runs(cells, offsets, first, last, value)
+
+
+def of_tiles(runs: Runs, tiles: NDArray[np.int32]) -> Runs:
+    """The intervals of the cells of some tiles, whose numbers ascend."""
+    # A tile's cells follow each other, and so do their intervals.
+    first = np.searchsorted(runs.cells, tiles * np.int32(TILE_CELLS))
+    end = np.searchsorted(runs.cells, (tiles + np.int32(1)) * np.int32(TILE_CELLS))
+    which = _ranges(first, end)
+    lengths = runs.offsets[which + 1] - runs.offsets[which]
+    offsets = np.append(0, np.cumsum(lengths))
+    where = _ranges(runs.offsets[first], runs.offsets[end])
+    return Runs(runs.cells[which], offsets, runs.first[where], runs.last[where], runs.value[where])
+
+
+def _ranges(first: NDArray[np.int64], end: NDArray[np.int64]) -> NDArray[np.int64]:
+    """All numbers from each first to before each end, one range after the other."""
+    lengths = end - first
+    before = np.cumsum(lengths) - lengths
+    return np.asarray(np.arange(int(lengths.sum())) + np.repeat(first - before, lengths))
 
 
 class SegmentStack:

@@ -13,7 +13,7 @@ from tempog.grid.intervals import NEVER
 from tempog.grid.mapper import Mapper
 from tempog.grid.segments import Runs, join
 from tempog.sensing.surfaces import SurfaceMemory
-from tempog.sensing.tiles import TileIndex
+from tempog.sensing.tiles import TILE_CELLS, TileIndex
 from tempog.store.strand import Strand
 
 
@@ -109,18 +109,25 @@ class LiveStrand(History):
             yield from self.disk.sealed_runs(since)
         yield from self._tail()
 
-    def runs_of_cells(self, first_cell: int, end_cell: int) -> Iterator[Runs]:
-        """The intervals of cells in a range of numbers, and others."""
-        yield from self.disk.sealed_of_cells(first_cell, end_cell)
+    def runs_of_tiles(
+        self, tiles: NDArray[np.int32], first_scan: int | None = None, last_scan: int | None = None
+    ) -> Iterator[Runs]:
+        """The intervals of the cells of some tiles, of a period or all, and others."""
+        first_scan = 0 if first_scan is None else first_scan
+        last_scan = self.last_scan if last_scan is None else last_scan
+        segments = self.disk.segments
+        since, until = self.disk.segments_within(first_scan, last_scan) if segments else (0, 0)
+        if until < len(segments):
+            yield from self.disk.runs_of_tiles(tiles, first_scan, last_scan)
+            return
+        if segments and first_scan < segments[-1].end_scan - self.disk.base:
+            yield from self.disk.sealed_of_tiles(tiles, since)
         yield from self._tail()
 
     def runs_of_cell(self, cell: int) -> list[CellPiece]:
         """First scans, last scans and values of one cell's intervals, in pieces in time order."""
         pieces = []
-        for runs in self.disk.sealed_of_cells(cell, cell + 1):
-            where = runs.of_cell(cell)
-            pieces.append((runs.first[where], runs.last[where], runs.value[where]))
-        for runs in self._tail():
+        for runs in self.runs_of_tiles(np.array([cell // TILE_CELLS], dtype=np.int32)):
             where = runs.of_cell(cell)
             pieces.append((runs.first[where], runs.last[where], runs.value[where]))
         return pieces

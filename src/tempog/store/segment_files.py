@@ -199,9 +199,9 @@ class SegmentFiles:
         columns = self._read("tiles")
         return columns["row"], columns["col"]
 
-    def sealed(self, cells: tuple[int, int] | None = None) -> Runs:
-        """Intervals that ended; of a range of cells, or a little more, or of all."""
-        runs = self._runs("intervals", cells)
+    def sealed(self, tiles: NDArray[np.int32] | None = None) -> Runs:
+        """Intervals that ended; of the cells of some tiles, or a little more, or of all."""
+        runs = self._runs("intervals", tiles)
         if self._path("members").is_file():
             return self._with_shared(runs)
         if not self._format_1:
@@ -210,14 +210,14 @@ class SegmentFiles:
         going_on[runs.offsets[1:] - 1] = True
         return _kept(runs, ~going_on)
 
-    def open_runs(self, cells: tuple[int, int] | None = None) -> Runs:
-        """The interval that may go on, of each cell that was seen; of all, or of a range and others."""
+    def open_runs(self, tiles: NDArray[np.int32] | None = None) -> Runs:
+        """The interval that may go on, of each cell that was seen; of all, or of some tiles' cells and others."""
         if self._format_1:
-            runs = self._runs("intervals", cells)
+            runs = self._runs("intervals", tiles)
             latest = runs.offsets[1:] - 1
             offsets = np.arange(len(runs.cells) + 1, dtype=np.int64)
             return Runs(runs.cells, offsets, runs.first[latest], runs.last[latest], runs.value[latest])
-        runs = self._runs("open", cells)
+        runs = self._runs("open", tiles)
         if len(runs.cells) != runs.n_intervals:
             raise self._damaged("open.parquet holds several intervals of one cell")
         return runs
@@ -258,8 +258,8 @@ class SegmentFiles:
     def _format_1(self) -> bool:
         return is_format_1(self.segment.name)
 
-    def _runs(self, table: str, cells: tuple[int, int] | None = None) -> Runs:
-        columns = self._read(table, cells=cells)
+    def _runs(self, table: str, tiles: NDArray[np.int32] | None = None) -> Runs:
+        columns = self._read(table, tiles=tiles)
         cell, first, span = columns["cell"], columns["first_scan"], columns["span"]
         last = np.empty_like(first)
         end_scan = self.segment.end_scan if table == "intervals" else 2**31 - 1
@@ -274,12 +274,12 @@ class SegmentFiles:
         return self.root / self.segment.name / f"{table}.parquet"
 
     def _read(
-        self, table: str, wanted: dict[str, Any] | None = None, cells: tuple[int, int] | None = None
+        self, table: str, wanted: dict[str, Any] | None = None, tiles: NDArray[np.int32] | None = None
     ) -> Columns:
         if wanted is None:
             wanted = {name: kind for name, kind in TABLES[table].items() if name not in COUNTED}
         try:
-            return read_table(self._path(table), wanted, cells)
+            return read_table(self._path(table), wanted, tiles)
         except (OSError, pa.ArrowException, KeyError, ValueError) as error:
             raise self._damaged(f"{table}.parquet: {error}") from error
 

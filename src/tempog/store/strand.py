@@ -15,15 +15,13 @@ from tempog.config import MapConfig
 from tempog.errors import ConfigError, ExtentError
 from tempog.grid.history import CellPiece, History
 from tempog.grid.merged import Merged
-from tempog.grid.segments import Runs
+from tempog.grid.segments import Runs, of_tiles
 from tempog.sensing.grid_spec import GridSpec
 from tempog.sensing.surfaces import SurfaceMemory
 from tempog.sensing.tiles import TILE_CELLS, TileIndex
 from tempog.store.manifest import Manifest, Segment, damaged
 from tempog.store.segment_files import SegmentFiles, overlaid_hits, overlaid_runs
 from tempog.times import MAX_NS, NS_PER_S
-
-Cells = tuple[int, int]
 
 HELD_INTERVALS = 2**28  # 3.5 GB; what was read is kept for the next question up to here
 HELD_PARTS = 2**10  # of segments that were not read as a whole, of so few tiles each that they take some kilobytes
@@ -61,7 +59,7 @@ class Strand(History):
         self.longest_gap_s = self.gap_s
         self._held: OrderedDict[str, Runs] = OrderedDict()
         self._held_scans: dict[str, tuple[NDArray[np.int64], NDArray[np.float64]]] = {}
-        self._held_parts: OrderedDict[tuple[str, int, int], Runs] = OrderedDict()
+        self._held_parts: OrderedDict[tuple[str, bytes], Runs] = OrderedDict()
         self._known_states: OrderedDict[str, Runs] = OrderedDict()
         self.base = self.segments[0].first_scan if self.segments else 0
         for segment in self.segments:
@@ -144,36 +142,40 @@ class Strand(History):
         # What went on before the moment went on until these segments' end, or ended in one of them.
         yield from self.runs_within(last_scan, last_scan)
 
-    def runs_of_cells(self, first_cell: int, end_cell: int) -> Iterator[Runs]:
-        """The intervals of cells in a range of numbers, and others."""
-        yield from self.sealed_of_cells(first_cell, end_cell)
-        n_segments = len(self.segments)
-        is_known = n_segments == 0 or self.segments[-1].name in self._known_states
-        if is_known or self._are_many(first_cell, end_cell):
-            yield self.state_after(n_segments)
+    def runs_of_tiles(
+        self, tiles: NDArray[np.int32], first_scan: int | None = None, last_scan: int | None = None
+    ) -> Iterator[Runs]:
+        """The intervals of the cells of some tiles, of a period or all, and others."""
+        since, until = 0, len(self.segments)
+        if until and (first_scan, last_scan) != (None, None):
+            last_scan = self.n_scans - 1 if last_scan is None else last_scan
+            since, until = self.segments_within(first_scan or 0, last_scan)
+        yield from self.sealed_of_tiles(tiles, since, until)
+        is_known = until == 0 or self.segments[until - 1].name in self._known_states
+        if is_known or self._are_many(tiles):
+            yield self.state_after(until)
         else:
-            latest = self.segments[-1]
-            read = partial(self._overlaid_open, n_segments)
-            yield self._part(f"{latest.name}/open", latest, (first_cell, end_cell), read)
+            latest = self.segments[until - 1]
+            yield self._part(f"{latest.name}/open", latest, tiles, partial(self._overlaid_open, until))
 
-    def sealed_of_cells(self, first_cell: int, end_cell: int) -> Iterator[Runs]:
-        """Those that ended of cells in a range of numbers, and others."""
-        if self._are_many(first_cell, end_cell):
-            yield from self.sealed_runs()
+    def sealed_of_tiles(self, tiles: NDArray[np.int32], since: int = 0, until: int | None = None) -> Iterator[Runs]:
+        """Those that ended of the cells of some tiles, and others; from one segment to before another."""
+        if self._are_many(tiles):
+            yield from self.sealed_runs(since, until)
             return
-        for segment in self.segments:
+        for segment in self.segments[since:until]:
             files = SegmentFiles(self.root, segment)
             held = self._held.get(segment.name)
-            yield held or self._part(segment.name, segment, (first_cell, end_cell), files.sealed)
+            yield held or self._part(segment.name, segment, tiles, files.sealed)
 
-    def _are_many(self, first_cell: int, end_cell: int) -> bool:
-        """Whether a range is so much of the map that all is read, and kept for the next question."""
-        return end_cell - first_cell > SHARE_OF_MANY * self.tiles.n_cells
+    def _are_many(self, tiles: NDArray[np.int32]) -> bool:
+        """Whether tiles are so much of the map that all is read, and kept for the next question."""
+        return len(tiles) > SHARE_OF_MANY * self.tiles.n_tiles
 
     def runs_of_cell(self, cell: int) -> list[CellPiece]:
         """First scans, last scans and values of one cell's intervals; reads only what may hold them."""
         pieces = []
-        for runs in self.runs_of_cells(cell, cell + 1):
+        for runs in self.runs_of_tiles(np.array([cell // TILE_CELLS], dtype=np.int32)):
             where = runs.of_cell(cell)
             pieces.append((runs.first[where], runs.last[where], runs.value[where]))
         return pieces
@@ -255,25 +257,23 @@ class Strand(History):
                 self._held.popitem(last=False)
         return runs
 
-    def _part(self, name: str, segment: Segment, cells: Cells, read: Callable[[Cells], Runs]) -> Runs:
-        """What is read of the tiles that hold some cells; kept, as the next question is often about them."""
-        tiles = cells[0] // TILE_CELLS, -(-cells[1] // TILE_CELLS)
-        key = name, *tiles
+    def _part(self, name: str, segment: Segment, tiles: NDArray[np.int32], read: Callable[..., Runs]) -> Runs:
+        """What is read of some tiles; kept, as the next question is often about them."""
+        key = name, tiles.tobytes()
         if key in self._held_parts:
             self._held_parts.move_to_end(key)
             return self._held_parts[key]
-        cells = tiles[0] * TILE_CELLS, tiles[1] * TILE_CELLS
-        runs = self._checked(read(cells)).of_cells(*cells)
-        if tiles[1] - tiles[0] <= MOST_TILES_HELD and segment.stop_ns >= self.held_since_ns:
+        runs = of_tiles(self._checked(read(tiles)), tiles)
+        if len(tiles) <= MOST_TILES_HELD and segment.stop_ns >= self.held_since_ns:
             self._held_parts[key] = runs
             while len(self._held_parts) > HELD_PARTS:
                 self._held_parts.popitem(last=False)
         return runs
 
-    def _overlaid_open(self, n_segments: int, cells: Cells | None = None) -> Runs:
-        """The intervals that might go on when so many segments had ended, of a range of cells at least, or of all."""
+    def _overlaid_open(self, n_segments: int, tiles: NDArray[np.int32] | None = None) -> Runs:
+        """The intervals that might go on when so many segments had ended; of all cells, or some tiles' at least."""
         since = self._full_by(n_segments)
-        sets = [SegmentFiles(self.root, segment).open_runs(cells) for segment in self.segments[since:n_segments]]
+        sets = [SegmentFiles(self.root, segment).open_runs(tiles) for segment in self.segments[since:n_segments]]
         for runs in sets:
             self._require_cells(runs.cells)
         return overlaid_runs(sets)

@@ -29,6 +29,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from tempog.sensing.tiles import TILE_CELLS
+
 Columns = dict[str, NDArray[Any]]
 
 MOMENTS = ("mean_x", "mean_y", "cov_xx", "cov_xy", "cov_yy")
@@ -89,8 +91,8 @@ def write_table(path: Path, columns: Mapping[str, NDArray[Any]], level: int = ZS
     )
 
 
-def read_table(path: Path, wanted: Mapping[str, Any], cells: tuple[int, int] | None = None) -> Columns:
-    """Columns of a table; of a range of cells, from the first to before the last, only groups that may hold them.
+def read_table(path: Path, wanted: Mapping[str, Any], tiles: NDArray[np.int32] | None = None) -> Columns:
+    """Columns of a table; of the cells of some tiles, whose numbers ascend, only groups that may hold them.
 
     Raises
     ------
@@ -98,7 +100,7 @@ def read_table(path: Path, wanted: Mapping[str, Any], cells: tuple[int, int] | N
         The file cannot be read, or holds something else.
     """
     with pq.ParquetFile(path, page_checksum_verification=True) as file:
-        groups = [g for g in range(file.num_row_groups) if cells is None or _may_hold(file, g, cells)]
+        groups = [g for g in range(file.num_row_groups) if tiles is None or _may_hold(file, g, tiles)]
         table = file.read_row_groups(groups, columns=list(wanted))
         return {name: _numbers(table.column(name), kind) for name, kind in wanted.items()}
 
@@ -141,13 +143,14 @@ def hash_file(path: str | os.PathLike[str]) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _may_hold(file: Any, group: int, cells: tuple[int, int]) -> bool:
-    """Whether a row group's statistics allow it to hold one of the cells."""
+def _may_hold(file: Any, group: int, tiles: NDArray[np.int32]) -> bool:
+    """Whether a row group's statistics allow it to hold a cell of one of the tiles."""
     place = file.schema_arrow.get_field_index("cell")
     statistics = file.metadata.row_group(group).column(place).statistics if place >= 0 else None
     if statistics is None or not statistics.has_min_max:
         return True
-    return bool(statistics.min < cells[1] and statistics.max >= cells[0])
+    since, until = np.searchsorted(tiles, [statistics.min // TILE_CELLS, statistics.max // TILE_CELLS + 1])
+    return bool(since < until)
 
 
 def _numbers(column: Any, kind: Any) -> NDArray[Any]:

@@ -49,12 +49,12 @@ class JournalWriter:
         self.first_scan = first_scan
         self._file = os.open(self.path, os.O_CREAT | os.O_TRUNC | os.O_WRONLY | os.O_APPEND, 0o666)
         self._end = 0
+        self._is_listed = False  # whether its folder was put on the disk since it is there
         self._torn = False  # whether the file may be longer than that
         self._angles: NDArray[np.float64] | None = None
         self._before: tuple[int, NDArray[np.float64] | None] = 0, None
         try:
             self._put(json.dumps(header).encode())
-            sync(folder)
         except BaseException:
             self.close()
             with suppress(OSError):
@@ -82,6 +82,9 @@ class JournalWriter:
     def sync(self) -> None:
         """Have the operating system put it on the disk."""
         os.fsync(self._file)
+        if not self._is_listed:
+            sync(self.path.parent)
+            self._is_listed = True
 
     def close(self) -> None:
         """Let go of the file, and leave it."""

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tempog.grid.history import CellPiece, History
+from tempog.grid.history import CellPiece, History, Window
 from tempog.grid.segments import Runs
 from tempog.sensing.tiles import TileIndex
+from tempog.times import Moment
+
+if TYPE_CHECKING:
+    from tempog.grid.area import Area
 
 
 class Delegate(History):
@@ -81,3 +86,13 @@ class Delegate(History):
     def runs_of_cell(self, cell: int) -> list[CellPiece]:
         """First scans, last scans and values of one cell's intervals, in pieces in time order."""
         return self._whole.runs_of_cell(cell)
+
+    # What is held on to goes on with the history it was made of: another one may number cells and scans otherwise.
+
+    def window(self, t0: Moment | None = None, t1: Moment | None = None) -> Window:
+        """The history between two moments; see `History.window`."""
+        return self._whole.window(t0, t1)
+
+    def area(self, x_min: float, x_max: float, y_min: float, y_max: float) -> Area:
+        """The history of one rectangle; see `History.area`."""
+        return self._whole.area(x_min, x_max, y_min, y_max)

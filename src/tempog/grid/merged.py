@@ -25,7 +25,7 @@ class Merged(History):
     Parameters
     ----------
     parts : sequence of History
-        Whole ones of one resolution, in one map frame.
+        Whole ones of one resolution, in one map frame. Of one that is being mapped, the scans until now count.
     kept : sequence of (n_scans,) bool, optional
         For each part, which scans count. No interval of it may be of scans that count and scans that do not.
         Default: all.
@@ -67,7 +67,7 @@ class Merged(History):
     @cached_property
     def poses(self) -> NDArray[np.float64]:
         """``(n_scans, 3)`` pose of the laser at each scan, map frame: x, y in metres, theta in radians."""
-        poses = [part.poses[kept] for part, kept in zip(self._parts, self._kept, strict=True)]
+        poses = [part.poses[: len(kept)][kept] for part, kept in zip(self._parts, self._kept, strict=True)]
         return np.concatenate(poses)[self._order]
 
     @cached_property
@@ -156,12 +156,15 @@ class Merged(History):
         columns = []
         for part, runs in sets:
             number_of = self._number_of[part]
-            first = number_of[runs.first]
-            kept = first >= 0
-            cell = _renumbered(runs.cell, self._tile_of[part])
-            last = number_of[runs.last]
+            if not len(number_of):
+                continue
+            newest = np.int32(len(number_of) - 1)  # the part may have been mapped on since
+            first = number_of[np.minimum(runs.first, newest)]
+            kept = (first >= 0) & (runs.first <= newest)
+            cell = _renumbered(runs.cell[kept], self._tile_of[part])
+            last = number_of[np.minimum(runs.last[kept], newest)]
             which = np.full(len(cell), part, dtype=np.int32)
-            columns.append(tuple(column[kept] for column in (cell, first, last, runs.value, which)))
+            columns.append((cell, first[kept], last, runs.value[kept], which))
         cell, first, last = (np.concatenate([np.empty(0, np.int32), *(c[k] for c in columns)]) for k in range(3))
         value = np.concatenate([np.empty(0, np.float32), *(c[3] for c in columns)])
         which = np.concatenate([np.empty(0, np.int32), *(c[4] for c in columns)])

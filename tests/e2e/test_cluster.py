@@ -208,8 +208,12 @@ def test_a_scheduler_needs_no_tempog_to_pass_the_work_on() -> None:
     assert (answer.stdout.split(), answer.stderr) == ([b"12"], b"")
 
 
-def test_what_kills_every_worker_is_given_up(client: Client) -> None:
-    with pytest.raises(ClusterError, match=r"died of the same part of the map.*more memory than they have"):
+def test_what_kills_every_worker_is_given_up() -> None:
+    with (
+        started(1) as processes,
+        Client(processes, set_as_default=False) as client,
+        pytest.raises(ClusterError, match=r"died of the same part of the map.*more memory than they have"),
+    ):
         DaskWorkers(client).each("ends", os._exit, [1], 1)
 
 
@@ -236,7 +240,7 @@ def test_workers_must_be_there_and_have_the_same_version(client: Client, monkeyp
     monkeypatch.setattr(cluster, "__version__", "0.0.0")
     with pytest.raises(ClusterError, match=r"has tempog .*, but here is tempog 0\.0\.0; install the same there"):
         DaskWorkers(client)
-    monkeypatch.setattr(cluster, "CONNECT_S", 0.3)
+    monkeypatch.setattr(cluster, "FIRST_WORKER_S", 0.3)
     with (
         started(0) as processes,
         Client(processes, set_as_default=False) as lonely,

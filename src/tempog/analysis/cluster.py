@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 CONNECT_S = 5.0  # a scheduler that is there answers within milliseconds
 GRACE_S = 1.0  # for Dask to notice by itself
+FIRST_WORKER_S = 10.0  # workers that were just started import first
 WITHOUT_WORKERS_S = 60.0  # a worker that died is started again within seconds; who waits longer waits for nobody
 ASK_EVERY_S = 2.0  # how often to see whether there is still anybody, while no task gets done
 TASKS_PER_THREAD = 3  # on their way: one that runs, one that waits there, one that is being sent
@@ -73,7 +74,7 @@ class DaskWorkers:
     Raises
     ------
     ClusterError
-        No worker within `CONNECT_S`, or one with another version of tempog, or without.
+        No worker within `FIRST_WORKER_S`, or one with another version of tempog, or without.
     """
 
     def __init__(self, client: Client, progress: Progress | None = None) -> None:
@@ -81,7 +82,7 @@ class DaskWorkers:
         self._progress = progress
         self._run = uuid.uuid4().hex
         try:
-            client.wait_for_workers(1, timeout=CONNECT_S)
+            client.wait_for_workers(1, timeout=FIRST_WORKER_S)
         except TimeoutError:
             raise ClusterError(
                 f"the Dask scheduler at {self._address} has no workers; start some: dask worker {self._address}"
@@ -212,7 +213,8 @@ def dask_workers(cluster: Client | str, progress: Progress | None = None) -> Ite
     ConfigError
         `cluster` is neither.
     ClusterError
-        Dask is not installed, no scheduler or worker answers within `CONNECT_S`, or the workers have another tempog.
+        Dask is not installed, no scheduler answers within `CONNECT_S`, no worker is there within `FIRST_WORKER_S`, or
+        the workers have another tempog.
     """
     try:
         from distributed import Client

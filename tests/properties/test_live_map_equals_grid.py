@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 from collections.abc import Iterator
 from concurrent.futures import wait
@@ -14,11 +15,13 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fed_grid import begin_session, config_of, empty_grid, feed, listening
+from fed_grid import as_dict, begin_session, config_of, empty_grid, feed, intervals_of, listening, moment
 from fixed_history import a_folder, slowly_merged
 from questions import ask, ask_all
 from same_answers import assert_same_intervals, assert_same_states, moments_of_interest
 from strategies import Stream, streams
+from tempog.analysis.dynamics import map_dynamics
+from tempog.grid.history import History
 from tempog.grid.segments import join
 from tempog.grid.temporal_grid import TemporalGrid
 from tempog.store import committer, session_writer, strand, tables
@@ -138,6 +141,52 @@ def test_a_live_map_beside_what_others_saw_meanwhile_answers_as_the_oracle(strea
             wanted = slowly_merged([known, mine])
             ask_all(data, open_map(folder / "map"), wanted, wanted.stamps_ns.tolist())
             ask_all(data, open_map(folder / "map", sessions=["1"]), slowly_merged([mine]), late.stamps_ns)
+
+
+def test_a_period_and_an_area_of_a_live_map_stay_what_they_are_while_it_grows(tmp_path):
+    """Scans and tiles of another robot get other numbers meanwhile."""
+    second, cells = 10**9, [(0, 0), (7, 7), (0, 7), (-1, -1), (-400, 3)]
+    known = Stream([k * second + 1 for k in range(20)], [[(cells[4], 0.9)]] * 20, second, 0.1)
+    mine = Stream(
+        [k * second for k in range(5, 15)],
+        [[(cells[0], 0.9 if k % 2 else 0.1), (cells[k // 3], 0.3)] for k in range(1, 11)],
+        second,
+        0.1,
+    )
+    with (
+        listening(known),
+        LiveMap(tmp_path / "map", config_of(known), session="0", scan_period_s=ANY_SCANS_S) as live,
+    ):
+        for stamp_ns in known.stamps_ns:
+            feed(live, stamp_ns)
+
+    def answers(history: History) -> list:
+        states = history.at(moment(6 * second), hold=math.inf)
+        return [
+            history.n_scans,
+            history.n_intervals,
+            as_dict(states.value, states.extent),
+            as_dict(map_dynamics(history), history.extent),
+            *([*map(tuple, intervals_of(history, cell))] for cell in cells),
+        ]
+
+    with listening(mine), LiveMap(tmp_path / "map", config_of(mine), session="1", scan_period_s=ANY_SCANS_S) as live:
+        for k, stamp_ns in enumerate(mine.stamps_ns):
+            if k == 5:
+                period = live.window(moment(0), moment(7 * second))
+                parts = [
+                    period,
+                    period.area(-0.4, 0.4, -0.4, 0.4),
+                    live.area(-0.4, 0.4, -0.4, 0.4),
+                    live.area(-1, 1, -21, -19),
+                ]
+                before = [answers(part) for part in parts[:2]]
+            feed(live, stamp_ns)
+        assert (period.tiles.n_tiles, live.tiles.n_tiles) == (2, 3)
+        assert [answers(part) for part in parts[:2]] == before
+        assert len(intervals_of(parts[2], cells[0])) >= 5
+        assert len(intervals_of(parts[3], cells[4])) == 1
+        assert period.poses.shape == (25, 3)
 
 
 def test_commits_that_waited_for_each_other_are_not_taken_for_each_other(tmp_path):

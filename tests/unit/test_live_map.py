@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
 
-from same_history import CONFIG, room_scans
-from tempog import LiveMap, map_dynamics
+import numpy as np
+import pytest
+
+from same_history import CONFIG, assert_same, grid_of, room_scans
+from tempog import LiveMap, map_dynamics, open_map
+from tempog.errors import ExtentError, MapError
 from tempog.scans.scan import Scan
+from tempog.store.upkeep import merge
 
 
 def moved(scans: list[Scan], x_m: float) -> list[Scan]:
@@ -40,3 +45,40 @@ def test_windows_and_areas_that_are_held_do_not_change_when_a_second_robot_maps_
     for mine, yours in zip(after[3:], before[3:], strict=True):
         np.testing.assert_array_equal(mine, yours)
     assert window.poses.shape == (n_scans, 3)
+
+
+def test_a_session_may_reach_farther_than_the_map_was_allowed_to(tmp_path):
+    scans = room_scans(60)
+    small, large = (replace(CONFIG, grid=replace(CONFIG.grid, max_cells=n)) for n in (10_000, 2**26))
+    with LiveMap(tmp_path / "m", small) as live:
+        live.integrate_many(scans[:20])
+        with pytest.raises(ExtentError, match="raise --max-cells"):
+            live.integrate(moved(scans, 50.0)[20])
+    with LiveMap(tmp_path / "m", large) as live:
+        live.integrate_many(moved(scans, 50.0)[20:40])
+    with LiveMap(tmp_path / "m") as live:
+        live.integrate_many(moved(scans, 50.0)[40:])
+    assert open_map(tmp_path / "m").n_scans == 60
+
+
+def test_what_robots_saw_too_far_apart_can_be_asked_for_one_by_one(tmp_path):
+    scans = room_scans(20)
+    small = replace(CONFIG, grid=replace(CONFIG.grid, max_cells=10_000))
+    for path, robots in (("both", "ab"), ("a", "a"), ("b", "b")):
+        for robot in robots:
+            with LiveMap(tmp_path / path, small, robot=robot) as live:
+                live.integrate_many(moved(scans, 50.0) if robot == "b" else scans)
+    with pytest.raises(MapError, match="too far apart"):
+        open_map(tmp_path / "both")
+    assert_same(open_map(tmp_path / "both", robots=["a"]), grid_of(scans))
+    with pytest.raises(MapError, match="too far apart"):
+        merge([tmp_path / "a", tmp_path / "b"], tmp_path / "c")
+    assert not (tmp_path / "c").exists()
+
+
+def test_sessions_and_robots_are_chosen_by_any_iterable(tmp_path):
+    scans = room_scans(40)
+    for k in range(2):
+        with LiveMap(tmp_path / "m", CONFIG, session=f"s{k}") as live:
+            live.integrate_many(scans[20 * k : 20 * k + 20])
+    assert open_map(tmp_path / "m", sessions=(name for name in ["s1"]), robots=iter([""])).n_scans == 20

@@ -16,7 +16,6 @@ from tempog.config import MapConfig
 from tempog.errors import ConfigError, MapError
 from tempog.grid.delegate import Delegate
 from tempog.grid.history import History
-from tempog.grid.merged import Merged
 from tempog.scans.scan import Scan
 from tempog.sensing.surfaces import SurfaceMemory
 from tempog.store.manifest import (
@@ -118,7 +117,7 @@ class LiveMap(Delegate):
             "scan_period_s": scan_period_s,
         }
         self._writer: SessionWriter | None = None
-        self._merged: tuple[int, Merged] | None = None
+        self._merged: tuple[int, History] | None = None
         self._lock: Lock | None = _lock_or_make(self.path, config)
         try:
             self.repaired = repair(self.path)
@@ -141,7 +140,7 @@ class LiveMap(Delegate):
         if not self._others:
             return live
         if self._merged is None or self._merged[0] != live.n_scans:
-            self._merged = live.n_scans, Merged([live, *self._others])
+            self._merged = live.n_scans, as_one(self.path, self._manifest, [live, *self._others])
         return self._merged[1]
 
     @property

@@ -227,6 +227,12 @@ def write_manifest(root: Path, manifest: Manifest) -> None:
         sync(root)
 
 
+def with_room(config: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
+    """Settings of a map that may reach as far as `other` settings allow, too."""
+    max_cells = max(each["grid"]["max_cells"] for each in (config, other))
+    return config | {"grid": config["grid"] | {"max_cells": max_cells}}
+
+
 def damaged(root: Path, what: str) -> MapError:
     """The error for a map whose files do not fit together."""
     return MapError(f"{root}: the map is damaged: {what}. Map the logs again, or restore a copy.")

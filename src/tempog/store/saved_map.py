@@ -85,9 +85,10 @@ class SavedMap(Delegate):
         self.manifest, strands, self.repaired = open_strands(self.path)
         self.config = MapConfig.from_dict(self.manifest.config)
         self.sessions = self.manifest.sessions
-        self._history = as_one(self.path, self.manifest, strands)
-        if sessions is not None or robots is not None:
-            self._choose(strands, sessions, robots)
+        if sessions is None and robots is None:
+            self._history = as_one(self.path, self.manifest, strands)
+        else:
+            self._history = self._chosen(strands, sessions, robots)
         _ = self.tiles  # a map that cannot be used is refused when it is opened
 
     @property
@@ -114,20 +115,12 @@ class SavedMap(Delegate):
         """The Parquet files of a table, for other engines: "scans", "tiles", "intervals", "open" or "surfaces"."""
         return [self.path / segment.name / f"{table}.parquet" for segment in self.segments]
 
-    def _choose(self, strands: AnyStrands, sessions: Iterable[str] | None, robots: Iterable[str] | None) -> None:
+    def _chosen(self, strands: AnyStrands, sessions: Iterable[str] | None, robots: Iterable[str] | None) -> History:
+        """What some sessions saw; they are noted."""
         known = self.manifest.sessions
-        for wanted, names, what in (
-            (sessions, {s.id for s in known}, "session"),
-            (robots, {s.robot for s in known}, "robot"),
-        ):
-            for name in wanted if wanted is not None else ():
-                if name not in names:
-                    raise MapError(f"{self.path} has no {what} {name!r}; it has {', '.join(sorted(names)) or 'none'}")
-        self.sessions = [
-            session
-            for session in known
-            if (sessions is None or session.id in set(sessions)) and (robots is None or session.robot in set(robots))
-        ]
+        ids = self._named(sessions, {session.id for session in known}, "session")
+        of_robots = self._named(robots, {session.robot for session in known}, "robot")
+        self.sessions = [session for session in known if session.id in ids and session.robot in of_robots]
         kept = [np.zeros(len(strand.stamps_ns), dtype=np.bool_) for strand in strands]
         for session in self.sessions:
             base = strands[session.strand].base
@@ -135,7 +128,7 @@ class SavedMap(Delegate):
         chosen = [k for k in range(len(strands)) if kept[k].any()]
         if not chosen:
             raise MapError(f"{self.path}: what was asked for has no scans: no session of these names by these robots")
-        self._history = Merged([strands[k] for k in chosen], [kept[k] for k in chosen])
+        return Merged([strands[k] for k in chosen], [kept[k] for k in chosen])
 
     def _named(self, wanted: Iterable[str] | None, known: set[str], what: str) -> set[str]:
         chosen = known if wanted is None else set(wanted)

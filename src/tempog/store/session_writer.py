@@ -17,7 +17,7 @@ from tempog.scans.scan import Scan
 from tempog.store.committer import Committed, Committer
 from tempog.store.journal import HEADER, JournalWriter, remove_journals
 from tempog.store.live_strand import LiveStrand
-from tempog.store.manifest import JOURNAL, Manifest, Session
+from tempog.store.manifest import JOURNAL, Manifest, Session, with_room
 from tempog.store.segment_files import Content, hits_of
 from tempog.store.strand import Strand, strand_of
 from tempog.times import MAX_NS, NS_PER_S
@@ -66,6 +66,7 @@ class SessionWriter:
     ) -> None:
         self.root = root
         self._window_ns, self._flush_ns, self._at_once = window_ns, flush_ns, at_once
+        manifest.config = with_room(manifest.config, session.config)
         disk = strand_of(root, manifest, session.strand)
         mapper = Mapper(
             MapConfig.from_dict(session.config), scan_period_s=scan_period_s, state=_state(disk, session.first_scan)

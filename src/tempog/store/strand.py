@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tempog.config import MapConfig
-from tempog.errors import ConfigError, ExtentError
+from tempog.errors import ConfigError, ExtentError, MapError
 from tempog.grid.history import CellPiece, History
 from tempog.grid.merged import Merged
 from tempog.grid.segments import Runs, of_tiles
@@ -313,7 +313,15 @@ def strands_of(root: Path, manifest: Manifest) -> list[Strand]:
 
 
 def as_one(root: Path, manifest: Manifest, strands: Sequence[History]) -> History:
-    """Strands as one history; an empty one if there are none."""
+    """Strands as one history; an empty one if there are none. MapError if they lie too far apart."""
     if not strands:
         return Strand(root, [], MapConfig.from_dict(manifest.config))
-    return strands[0] if len(strands) == 1 else Merged(strands)
+    if len(strands) == 1:
+        return strands[0]
+    try:
+        return Merged(strands)
+    except ExtentError as error:
+        raise MapError(
+            f"{root}: what the robots saw lies too far apart to be one map; are their poses in one frame? What one of"
+            " them saw can be asked for: --robot NAME, --session ID (robots=, sessions= in Python)"
+        ) from error

@@ -28,13 +28,14 @@ from tempog.store.manifest import (
     is_format_1,
     only_writer,
     read_manifest,
+    with_room,
     write_manifest,
 )
 from tempog.store.repair import repair
 from tempog.store.rewrite import NO_SUCCESSOR, chosen, successors
 from tempog.store.saved_map import clear_other_files, new_map
 from tempog.store.segment_files import Content, SegmentFiles, joined, write_segment
-from tempog.store.strand import Strand
+from tempog.store.strand import Strand, as_one, strands_of
 
 
 @dataclass(frozen=True)
@@ -251,7 +252,7 @@ def merge(paths: Sequence[str | os.PathLike[str]], output: str | os.PathLike[str
     Raises
     ------
     MapError
-        One is no map, is being written, or `output` exists and `force` is not set.
+        One is no map, is being written, or `output` exists and `force` is not set. Or they lie too far apart.
     ConfigError
         Fewer than two maps, maps of different resolutions, or maps that hold the same log.
     """
@@ -275,7 +276,9 @@ def merge(paths: Sequence[str | os.PathLike[str]], output: str | os.PathLike[str
                         f" {manifest.config['grid']['resolution_m']:g} m; map the logs again with one --resolution"
                     )
                 _refuse_same(merged, manifest, root)
+                merged.config = with_room(merged.config, manifest.config)
                 _copy(root, manifest, folder, merged)
+        as_one(target, merged, strands_of(folder, merged))
         write_manifest(folder, merged)
     return target
 

@@ -293,3 +293,17 @@ def test_maps_of_the_same_log_are_not_merged(tmp_path):
         add_to_map([ScanLog(room_scans(10))], tmp_path / name, CONFIG)
     with pytest.raises(ConfigError, match="in another of the maps"):
         merge([tmp_path / "a", tmp_path / "b"], tmp_path / "c")
+
+
+# Saved again.
+
+
+def test_what_is_left_of_a_map_is_saved_with_its_sessions(tmp_path):
+    scans = room_scans(120)
+    path = live_map(tmp_path / "m", scans[:60], scans[60:])
+    wanted = open_map(path, sessions=["s1"])
+    assert_same(open_map(save_map(wanted, tmp_path / "one"), sessions=["s1"]), wanted)
+    prune(path, scans[30].stamp_ns)
+    again = open_map(save_map(open_map(path), tmp_path / "again"))
+    assert [session.n_scans for session in again.sessions] == [30, 60]
+    assert_same(open_map(tmp_path / "again", sessions=["s1"]), open_map(path, sessions=["s1"]))

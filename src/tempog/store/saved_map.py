@@ -8,6 +8,7 @@ import shutil
 import uuid
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -224,9 +225,13 @@ def _put_in_place(folder: Path, root: Path, replaces: bool) -> None:
 
 
 def _sessions_of(history: History, sources: Iterable[ScanLog]) -> list[Session]:
-    if isinstance(history, SavedMap) and len(history.manifest.strands) == 1:
-        return history.manifest.sessions
     stamps_ns = history.stamps_ns
+    if isinstance(history, SavedMap) and len(history.manifest.strands) == 1:
+        sessions, end = [], len(stamps_ns)  # they follow each other; what pruning left of others is before them
+        for session in reversed(history.sessions):
+            end -= session.n_scans
+            sessions.append(replace(session, first_scan=end))
+        return sessions[::-1]
     period = (int(stamps_ns[0]), int(stamps_ns[-1]))
     config = history.config.to_dict()
     return [Session("1", "", 0, 0, len(stamps_ns), *period, config, [source_of(log) for log in sources])]

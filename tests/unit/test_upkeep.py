@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from same_history import CONFIG, assert_same, grid_of, room_scans
+from same_history import ANGLES, CONFIG, assert_same, grid_of, room_scans
 from tempog import ConfigError, GridConfig, LiveMap, MapConfig, MapError, Scan, open_map, save_map
 from tempog.grid.segments import join
 from tempog.store import committer, upkeep
@@ -168,10 +168,26 @@ def test_saying_what_goes_deletes_nothing_and_tells_the_same(tmp_path):
     assert said.n_bytes is None
     assert_same(open_map(path), grid_of(scans))
     done = prune(path, scans[70].stamp_ns)
-    assert (done.n_scans, done.n_intervals, done.n_kept) == (said.n_scans, said.n_intervals, said.n_kept)
+    assert (done.n_scans, done.n_intervals, done.n_last_seen) == (said.n_scans, said.n_intervals, said.n_last_seen)
     assert open_map(path).n_intervals == n_intervals - done.n_intervals
+    assert done.n_last_seen == states_of_old(open_map(path), scans[70].stamp_ns)
     (entry,) = open_map(path).manifest.pruned
     assert (entry["before_ns"], entry["n_intervals"]) == (scans[70].stamp_ns, done.n_intervals)
+
+
+@pytest.mark.parametrize("forget", [False, True])
+def test_cells_that_nobody_saw_since_are_counted_in_all_segments(tmp_path, forget):
+    scans = [*room_scans(70), *(Scan(120.0 + k, (1.0, 0.0, 0.0), ANGLES[:9], [1.0] * 9) for k in range(20))]
+    path = live_map(tmp_path / "m", scans[:70], scans[70:])
+    wanted = states_of_old(open_map(path), scans[30].stamp_ns)
+    assert 0 < wanted < open_map(path).n_cells
+    assert prune(path, scans[30].stamp_ns, forget=forget, dry_run=True).n_last_seen == wanted
+
+
+def states_of_old(history, stamp_ns: int) -> int:
+    """How many cells nobody saw from a moment on."""
+    runs = history.all_runs()
+    return int(np.count_nonzero(history.stamps_ns[runs.last[runs.offsets[1:] - 1]] < stamp_ns))
 
 
 def test_pruning_before_the_first_scan_does_nothing(tmp_path):

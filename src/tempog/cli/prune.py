@@ -63,7 +63,7 @@ def prune(
             f"{map_path}: {count_text(gone.n_intervals)} of {count_text(saved.n_intervals)} intervals and"
             f" {count_text(gone.n_scans)} of {count_text(saved.n_scans)} scans, from before"
             f" {saved.format_moment(before_ns)}, go for ever; the last states of"
-            f" {counted(gone.n_kept, 'cell', 'cells')} that nobody saw since {kept}."
+            f" {counted(gone.n_last_seen, 'cell', 'cells')} that nobody saw since {kept}."
         )
     if not dry_run and (gone.n_scans or gone.n_intervals):
         if not yes and not (sys.stdin.isatty() and typer.confirm("Delete?")):

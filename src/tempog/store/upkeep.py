@@ -98,8 +98,8 @@ class Pruned:
         What ended before this moment goes.
     n_scans, n_intervals : int
         That go.
-    n_kept : int
-        Cells that were last seen before: their last state stays, unless it was to be forgotten.
+    n_last_seen : int
+        Cells of the strands that were last seen before: their last state stays, unless it was to be forgotten.
     n_bytes : int
         That the map becomes smaller by; None before it is done.
     """
@@ -107,7 +107,7 @@ class Pruned:
     before_ns: int
     n_scans: int
     n_intervals: int
-    n_kept: int
+    n_last_seen: int
     n_bytes: int | None = None
 
 
@@ -142,7 +142,7 @@ def prune(path: str | os.PathLike[str], before_ns: int, *, forget: bool = False,
             before_ns,
             sum(plan.n_scans for plan in plans.values()),
             sum(plan.n_intervals for plan in plans.values()),
-            sum(plan.n_kept for plan in plans.values()),
+            sum(plan.n_last_seen for plan in plans.values()),
         )
         if dry_run or not (gone.n_scans or gone.n_intervals):
             return gone
@@ -170,9 +170,13 @@ class _Plan:
         n_early = next((k for k, segment in enumerate(strand) if segment.end_scan > cut), len(strand) - 1) + 1
         self._later = strand[n_early:]
         early = joined([SegmentFiles(root, segment).content() for segment in strand[:n_early]])
-        self._n_cells = strand[n_early - 1].n_cells
         self._early = self._without_old(early)
-        used = [self._used(self._early), *(self._used(self._read(segment)) for segment in self._later)]
+        used, unseen = [self._used(self._early)], early.open_runs.cells[early.open_runs.last < cut]
+        for segment in self._later:
+            content = self._read(segment)
+            used.append(self._used(content))
+            unseen = np.setdiff1d(unseen, content.open_runs.cells[content.open_runs.last >= cut])
+        self.n_last_seen = len(unseen)
         self._scans = np.unique(np.concatenate(used))  # before the cut, that stay
         self._stamps_ns, self._poses = early.stamps_ns, early.poses
         self.first_stamp_ns = int(early.stamps_ns[min(cut - early.first_scan, len(early.stamps_ns) - 1)])
@@ -180,7 +184,6 @@ class _Plan:
         n_before = early.sealed.n_intervals + early.open_runs.n_intervals
         n_after = self._early.sealed.n_intervals + self._early.open_runs.n_intervals
         self.n_intervals = n_before - n_after
-        self.n_kept = int(np.count_nonzero(self._early.open_runs.last < cut))
 
     def written(self) -> list[Segment]:
         """New segments on disk, and those that can stay."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -309,6 +310,16 @@ def test_maps_of_the_same_log_are_not_merged(tmp_path):
         add_to_map([ScanLog(room_scans(10))], tmp_path / name, CONFIG)
     with pytest.raises(ConfigError, match="in another of the maps"):
         merge([tmp_path / "a", tmp_path / "b"], tmp_path / "c")
+
+
+def test_a_map_and_its_copies_are_not_merged(tmp_path):
+    a, b = (live_map(tmp_path / name, room_scans(20, seed=seed)) for seed, name in enumerate("ab"))
+    merge([a, b], tmp_path / "c")
+    shutil.copytree(a, tmp_path / "copy")
+    for other in (a, tmp_path / "copy", tmp_path / "c"):
+        with pytest.raises(ConfigError, match="given twice, or is a copy"):
+            merge([a, other], tmp_path / "d")
+    assert not (tmp_path / "d").exists()
 
 
 # Saved again.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import uuid
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -21,7 +20,6 @@ from tempog.errors import ConfigError, MapError
 from tempog.grid.segments import Runs, join
 from tempog.store.committer import FANOUT, SEGMENT_INTERVALS, merge_segments
 from tempog.store.manifest import (
-    SEGMENTS,
     Manifest,
     Segment,
     Session,
@@ -257,7 +255,7 @@ def merge(paths: Sequence[str | os.PathLike[str]], output: str | os.PathLike[str
     MapError
         One is no map, is being written, or `output` exists and `force` is not set. Or they lie too far apart.
     ConfigError
-        Fewer than two maps, maps of different resolutions, or maps that hold the same log.
+        Fewer than two maps, maps of different resolutions, or maps that hold the same log or the same segments.
     """
     roots, target = [Path(path) for path in paths], Path(output)
     if len(roots) < 2:
@@ -291,6 +289,8 @@ def _refuse_same(merged: Manifest, manifest: Manifest, root: Path) -> None:
         hashes = {source["sha256"]: session.id for session in sessions for source in session.sources}
         return hashes | {session.content: session.id for session in sessions}
 
+    if {segment.name for segment in merged.segments} & {segment.name for segment in manifest.segments}:
+        raise ConfigError(f"{root} holds the same segments as another of the maps: it was given twice, or is a copy")
     known, new = names(merged.sessions), names(manifest.sessions)
     for content in set(known) & set(new) - {"", None}:
         raise ConfigError(f"session {new[content]} of {root} is in another of the maps, too, as {known[content]}")
@@ -301,16 +301,15 @@ def _copy(root: Path, manifest: Manifest, folder: Path, merged: Manifest) -> Non
     for strand in manifest.strands:
         copies = []
         for segment in strand:
-            name = f"{SEGMENTS}/{segment.first_scan:010d}-{uuid.uuid4().hex[:8]}"
             if is_format_1(segment.name):
                 content = SegmentFiles(root, segment).content()
                 copies.append(write_segment(folder, content, n_cells=segment.n_cells))
                 continue
             try:
-                shutil.copytree(root / segment.name, folder / name)
+                shutil.copytree(root / segment.name, folder / segment.name)
             except (OSError, shutil.Error) as error:
                 raise MapError(f"{root}: its segments could not be copied: {error}") from error
-            copies.append(replace(segment, name=name))
+            copies.append(segment)
         merged.strands.append(copies)
     for session in manifest.sessions:
         name, k = session.id, 2

@@ -9,7 +9,7 @@ import pytest
 
 from same_history import CONFIG, assert_same, grid_of, room_scans
 from tempog import LiveMap, map_dynamics, open_map
-from tempog.errors import ExtentError, MapError
+from tempog.errors import ConfigError, ExtentError, MapError, ScanError
 from tempog.scans.scan import Scan
 from tempog.store.upkeep import merge
 
@@ -82,3 +82,27 @@ def test_sessions_and_robots_are_chosen_by_any_iterable(tmp_path):
         with LiveMap(tmp_path / "m", CONFIG, session=f"s{k}") as live:
             live.integrate_many(scans[20 * k : 20 * k + 20])
     assert open_map(tmp_path / "m", sessions=(name for name in ["s1"]), robots=iter([""])).n_scans == 20
+
+
+def test_a_session_that_is_added_as_a_whole_leaves_nothing_if_it_fails(tmp_path):
+    scans = room_scans(40)
+    with (
+        pytest.raises(ScanError, match="earlier than the one before"),
+        LiveMap(tmp_path / "m", CONFIG, at_once=False, flush_s=1.0) as live,
+    ):
+        live.integrate_many([*scans, scans[0]])
+    opened = open_map(tmp_path / "m")
+    assert (opened.n_scans, opened.repaired) == (0, [])
+
+
+def test_the_journal_is_gone_once_a_map_is_closed(tmp_path):
+    with LiveMap(tmp_path / "m", CONFIG) as live:
+        live.integrate_many(room_scans(10))
+        assert (tmp_path / "m" / "journal").is_dir()
+    assert {file.name for file in (tmp_path / "m").iterdir()} == {"map.json", "segments"}
+
+
+def test_a_source_that_nothing_is_known_of_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match=r"'path': 'x'.* lacks format, n_scans, n_skipped, notes, sha256"):
+        LiveMap(tmp_path / "m", CONFIG, sources=[{"path": "x"}])
+    assert not (tmp_path / "m").exists()

@@ -145,11 +145,14 @@ def has_journals(folder: Path) -> bool:
 
 
 def remove_journals(folder: Path, before_scan: int | None = None) -> None:
-    """Remove all journals of a map, or those that hold no scan from a number on: those that another one follows."""
+    """Remove those journals that hold no scan from a number on, as another one follows; or all, and their folder."""
     files = sorted(folder.glob(f"*{SUFFIX}"))
     covered = [a for a, b in pairwise(files) if before_scan is not None and int(b.stem) <= before_scan]
     for file in files if before_scan is None else covered:
         file.unlink(missing_ok=True)
+    if before_scan is None:
+        with suppress(OSError):  # there may be other files
+            folder.rmdir()
 
 
 def read_journal(path: Path) -> Journal:

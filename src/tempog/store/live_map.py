@@ -60,9 +60,10 @@ class LiveMap(Delegate):
     journal : bool
         Whether each scan is kept until it is committed. Without, a crash loses what was not.
     at_once : bool
-        Whether each commit counts at once. Else the session is added as a whole, when the map is closed.
+        Whether each commit counts at once. Else the session is added as a whole, when the map is closed, or not at
+        all; nothing of it is in the journal.
     sources : iterable of dict
-        Files the session comes from, as in `Session`.
+        Files the session comes from, with all that `Session` keeps of them.
     scan_period_s : float, seconds
         Typical time between scans, where it is known; see `TemporalGrid`.
 
@@ -108,11 +109,15 @@ class LiveMap(Delegate):
     ) -> None:
         if not flush_s > 0:
             raise ConfigError(f"flush_s = {flush_s!r} cannot work; wanted seconds above 0")
+        sources = list(sources)
+        for source in sources:
+            if missing := {"path", "sha256", "format", "n_scans", "n_skipped", "notes"} - set(source):
+                raise ConfigError(f"source {source!r} of the session lacks {', '.join(sorted(missing))}")
         self.path = Path(path)
         self._settings: dict[str, Any] = {
             "window_ns": MAX_NS if window is None else round(parse_duration(window) * NS_PER_S),
             "flush_ns": round(min(flush_s * NS_PER_S, MAX_NS)),
-            "journal": journal,
+            "journal": journal and at_once,
             "at_once": at_once,
             "scan_period_s": scan_period_s,
         }
@@ -126,7 +131,7 @@ class LiveMap(Delegate):
             session = session or f"{datetime.now(UTC):%Y%m%dT%H%M%S}-{uuid.uuid4().hex[:4]}"
             if session in {one.id for one in self._manifest.sessions}:
                 raise MapError(f"{self.path} has a session {session!r} already; choose another name")
-            self._named = session, robot, list(sources)
+            self._named = session, robot, sources
             self._others = strands_of(self.path, self._manifest)
         except BaseException:
             self._unlock()

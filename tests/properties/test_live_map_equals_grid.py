@@ -201,7 +201,7 @@ def test_commits_that_waited_for_each_other_are_not_taken_for_each_other(tmp_pat
             feed(grid, stamp_ns)
             if k == 0:
                 live.flush()
-                live._writer._committer.run(disk_is_free.wait)
+                live._writer._committer._worker.submit(disk_is_free.wait)
     disk_is_free.set()
     live.flush()
     assert_same_intervals(live, grid)
@@ -221,7 +221,7 @@ def test_a_commit_that_ends_during_a_question_does_not_change_the_answer(tmp_pat
             feed(grid, stamp_ns)
             if k == 0:
                 live.flush()
-                live._writer._committer.run(disk_is_free.wait)
+                live._writer._committer._worker.submit(disk_is_free.wait)
         sets = live.runs()
         parts = [next(sets)]
         disk_is_free.set()

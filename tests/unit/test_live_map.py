@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from threading import Event
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from same_history import CONFIG, assert_same, grid_of, room_scans
 from tempog import LiveMap, map_dynamics, open_map
 from tempog.errors import ConfigError, ExtentError, MapError, ScanError
 from tempog.scans.scan import Scan
+from tempog.store import committer
+from tempog.store.journal import JournalWriter
 from tempog.store.upkeep import merge
 
 
@@ -106,3 +109,30 @@ def test_a_source_that_nothing_is_known_of_is_refused(tmp_path):
     with pytest.raises(ConfigError, match=r"'path': 'x'.* lacks format, n_scans, n_skipped, notes, sha256"):
         LiveMap(tmp_path / "m", CONFIG, sources=[{"path": "x"}])
     assert not (tmp_path / "m").exists()
+
+
+def test_the_journal_goes_to_the_disk_while_a_commit_takes_long(tmp_path, monkeypatch):
+    may_commit, synced = Event(), []
+    write_segment, sync = committer.write_segment, JournalWriter.sync
+
+    def slow(*args, **kwargs):
+        may_commit.wait(60)
+        return write_segment(*args, **kwargs)
+
+    def noted(writer):
+        sync(writer)  # an error is one of a file that was closed too early
+        synced.append(writer.first_scan)
+
+    monkeypatch.setattr(committer, "write_segment", slow)
+    monkeypatch.setattr(JournalWriter, "sync", noted)
+    scans = room_scans(60)
+    with LiveMap(tmp_path / "m", CONFIG, flush_s=2.0) as live:
+        try:
+            live.integrate_many(scans)
+            live._writer._syncs.submit(int).result(60)  # those before are done
+            assert len(synced) >= 6  # each second, and each journal that another one follows
+            assert synced == sorted(synced)
+            assert len(set(synced)) == 3
+        finally:
+            may_commit.set()
+    assert_same(open_map(tmp_path / "m"), grid_of(scans))

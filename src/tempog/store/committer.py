@@ -81,10 +81,6 @@ class Committer:
         """Write what could not be written before."""
         return self._worker.submit(self._guarded, self._write)
 
-    def run(self, job: Callable[[], None]) -> Future[None]:
-        """Do something else in between."""
-        return self._worker.submit(job)
-
     def end_session(self, content: str) -> None:
         """What was written counts from now on; waits until it does."""
         self.session = replace(self.session, content=content)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections import deque
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -85,6 +85,7 @@ class SessionWriter:
         self._digest = hashlib.sha256()
         self._futures: deque[Future[Committed]] = deque()
         self._committer = Committer(root, manifest, session, at_once)
+        self._syncs = ThreadPoolExecutor(1, thread_name_prefix="tempog-sync")  # a commit may take longer than SYNC_NS
         self._journal = self._new_journal() if journal else None
 
     @property
@@ -120,15 +121,14 @@ class SessionWriter:
             if not self._at_once:
                 self._committer.end_session(self._digest.hexdigest())
         finally:
-            self._committer.finish()
-            if self._journal is not None:
-                self._journal.close()
+            self.abandon()
         with suppress(OSError):  # all of it was committed
             remove_journals(self.root / JOURNAL)
 
     def abandon(self) -> None:
         """End without a last commit; what is in the journal stays there."""
         self._committer.finish()
+        self._syncs.shutdown()
         if self._journal is not None:
             self._journal.close()
 
@@ -167,7 +167,7 @@ class SessionWriter:
             raise
         if scan.stamp_ns - self._synced_ns >= SYNC_NS:
             self._synced_ns = scan.stamp_ns
-            self._committer.run(journal.sync)
+            self._syncs.submit(journal.sync)
 
     def _new_journal(self) -> JournalWriter:
         session = self._committer.session
@@ -187,7 +187,8 @@ class SessionWriter:
             self.collect(wait=True)
         if self._journal is not None:
             following = self._new_journal()  # before anything is taken, as there may be no room for it
-            self._journal.close()
+            self._syncs.submit(self._journal.sync)
+            self._syncs.submit(self._journal.close)
             self._journal = following
         content, n_cells = self._taken()
         self._flushed_ns = content.stop_ns

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from format_1 import save_format_1
+from same_history import grid_of, room_scans
 from tempog import Scan, open_map, write_npz
 from tempog.simulation import corridor, simulate
 
@@ -34,6 +36,13 @@ def site(tempog, logs, tmp_path) -> Path:
     return path
 
 
+def test_the_format_that_is_told_is_that_of_the_map(tempog, tmp_path):
+    path = save_format_1(grid_of(room_scans(20)), tmp_path / "old")
+    for version, command in ((1, "info"), (2, "compact")):
+        assert tempog(command, path).code == 0
+        assert json.loads(tempog("info", path, "--json").out)["format_version"] == version
+
+
 def test_logs_added_one_by_one_are_the_map_of_both(tempog, site, logs, tmp_path):
     tempog("map", *logs, "-o", tmp_path / "both.tempog", "-q")
     one_by_one, both = open_map(site), open_map(tmp_path / "both.tempog")
@@ -49,6 +58,7 @@ def test_sessions_are_listed_and_chosen(tempog, site, tmp_path):
         ("monday", "r1", 600),
         ("tuesday", "r2", 600),
     ]
+    assert json.loads(tempog("info", site, "--json").out)["format_version"] == 2
     every = json.loads(tempog("history", site, 6.98, 2.53, "--json").out)["intervals"]
     mine = json.loads(tempog("history", site, 6.98, 2.53, "--robot", "r2", "--json").out)["intervals"]
     assert 0 < len(mine) < len(every)

@@ -21,7 +21,7 @@ INDENT = 11  # columns before what a row says
 def info(map_path: MapArgument, json: JsonFlag = False) -> None:
     """Say what a map holds and how it was made."""
     from tempog.analysis.pose_consistency import pose_consistency
-    from tempog.store.manifest import FORMAT_VERSION
+    from tempog.store.manifest import read_document
 
     saved = opened(map_path)
     saved.require_scans()
@@ -30,7 +30,7 @@ def info(map_path: MapArgument, json: JsonFlag = False) -> None:
     poses = pose_consistency(saved)
     answer: dict[str, Any] = {
         "map": str(map_path),
-        "format_version": FORMAT_VERSION,
+        "format_version": read_document(map_path)["format_version"],
         "n_scans": saved.n_scans,
         "n_cells": saved.n_cells,
         "n_intervals": saved.n_intervals,

@@ -151,6 +151,17 @@ def test_forgetting_leaves_what_was_seen_since(tmp_path):
     assert pruned.n_intervals == window.n_intervals
 
 
+def test_what_is_forgotten_goes_from_segments_that_nothing_else_reaches_back_from(tmp_path):
+    config = MapConfig(grid=GridConfig(gap_s=1.0))
+    with LiveMap(tmp_path / "m", config, flush_s=1.0) as live:
+        for t, theta in ((0.0, 0.0), (5.0, 1.0), (10.0, 0.0), (15.0, 2.0)):
+            live.integrate(Scan(t, (0.0, 0.0, theta), [0.0], [2.0]))
+            live.flush()
+    prune(tmp_path / "m", 3 * 10**9, forget=True)
+    pruned = open_map(tmp_path / "m")
+    assert pruned.history(2.0, 0.01).start_ns.tolist() == [10 * 10**9]
+
+
 def test_nothing_of_what_was_deleted_is_left_on_disk(tmp_path):
     scans = room_scans(140)
     path = live_map(tmp_path / "m", scans)

@@ -13,10 +13,9 @@ from tempog.grid.segments import Runs
 from tempog.sensing.surfaces import SurfaceMemory
 from tempog.store.committer import SEGMENT_INTERVALS
 from tempog.store.manifest import Segment
-from tempog.store.segment_files import Content, Hits, hits_of, write_segment
+from tempog.store.segment_files import NO_HITS, Content, hits_of, write_segment
 
 NO_SUCCESSOR = 2**31 - 1
-NO_HITS = Hits(np.empty(0, np.int32), np.empty(0, np.int32), np.empty((0, 5), np.float32))
 NO_TILES = np.empty(0, dtype=np.int32)
 
 

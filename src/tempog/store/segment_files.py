@@ -52,6 +52,9 @@ class Hits(NamedTuple):
     moments: NDArray[np.float32]
 
 
+NO_HITS = Hits(np.empty(0, np.int32), np.empty(0, np.int32), np.empty((0, len(MOMENTS)), np.float32))
+
+
 class Content(NamedTuple):
     """What a segment's tables hold.
 
@@ -227,11 +230,12 @@ class SegmentFiles:
         columns = self._read("surfaces")
         return Hits(columns["cell"], columns["hits"], np.stack([columns[name] for name in MOMENTS], axis=-1))
 
-    def content(self) -> Content:
-        """All of it."""
+    def content(self, *, sealed: bool = True, latest: bool = True) -> Content:
+        """All of it; or without intervals that ended, or without the cells' latest intervals and statistics."""
         first_scan, full = self.segment.first_scan, self.segment.full
-        intervals = self.sealed(), self.open_runs()
-        return Content(first_scan, *self.scans(), self._first_tile(), *self.tiles(), *intervals, self.hits(), full)
+        intervals = self.sealed() if sealed else join([]), self.open_runs() if latest else join([])
+        hits = self.hits() if latest else NO_HITS
+        return Content(first_scan, *self.scans(), self._first_tile(), *self.tiles(), *intervals, hits, full)
 
     def _with_shared(self, rest: Runs) -> Runs:
         """Intervals with those that are kept by reference; of members, all of these."""

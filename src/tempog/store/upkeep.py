@@ -167,19 +167,34 @@ class _Plan:
         self._root, self._cut, self._forget = root, cut, forget
         n_early = next((k for k, segment in enumerate(strand) if segment.end_scan > cut), len(strand) - 1) + 1
         self._later = strand[n_early:]
-        early = joined([SegmentFiles(root, segment).content() for segment in strand[:n_early]])
+        full_from = max((k for k in range(n_early) if strand[k].full), default=0)
+        early = joined(
+            [
+                # What ended in a segment did so because something else began in it.
+                SegmentFiles(root, segment).content(sealed=segment.end_scan > cut, latest=k >= full_from)
+                for k, segment in enumerate(strand[:n_early])
+            ]
+        )
         self._early = self._without_old(early)
-        used, unseen = [self._used(self._early)], early.open_runs.cells[early.open_runs.last < cut]
+        is_used = np.zeros(cut - early.first_scan, dtype=np.bool_)
+        unseen = np.zeros(int(early.open_runs.cells[-1]) + 1 if len(early.open_runs.cells) else 0, dtype=np.bool_)
+        unseen[early.open_runs.cells[early.open_runs.last < cut]] = True
+        self._note_used(is_used, early.first_scan, self._early.sealed, self._early.open_runs)
+        self._reaching_back = set()
         for segment in self._later:
-            content = self._read(segment)
-            used.append(self._used(content))
-            unseen = np.setdiff1d(unseen, content.open_runs.cells[content.open_runs.last >= cut])
-        self.n_last_seen = len(unseen)
-        self._scans = np.unique(np.concatenate(used))  # before the cut, that stay
+            sealed, open_runs = SegmentFiles(root, segment).sealed(), SegmentFiles(root, segment).open_runs()
+            if any(bool((runs.first < cut).any()) for runs in (sealed, open_runs)):
+                self._reaching_back.add(segment)
+                if not forget:
+                    self._note_used(is_used, early.first_scan, sealed, open_runs)
+            seen = open_runs.cells[open_runs.last >= cut]
+            unseen[seen[seen < len(unseen)]] = False
+        self.n_last_seen = int(np.count_nonzero(unseen))
+        self._scans = (np.flatnonzero(is_used) + early.first_scan).astype(np.int32)  # before the cut, that stay
         self._stamps_ns, self._poses = early.stamps_ns, early.poses
         self.first_stamp_ns = int(early.stamps_ns[min(cut - early.first_scan, len(early.stamps_ns) - 1)])
         self.n_scans = cut - early.first_scan - len(self._scans)
-        n_before = early.sealed.n_intervals + early.open_runs.n_intervals
+        n_before = sum(segment.n_intervals for segment in strand[:n_early]) + early.open_runs.n_intervals
         n_after = self._early.sealed.n_intervals + self._early.open_runs.n_intervals
         self.n_intervals = n_before - n_after
 
@@ -199,11 +214,15 @@ class _Plan:
         cells = content.open_runs.cells
         segments = [write_segment(self._root, content, n_cells=len(cells))]
         for segment in self._later:
-            content = self._read(segment)
-            cells = np.union1d(cells, content.open_runs.cells)
-            if len(cells) < segment.n_cells or self._reaches_back(content):
-                segment = write_segment(self._root, self._renumbered(content), n_cells=len(cells))
-            segments.append(segment)
+            n_cells = segment.n_cells
+            if self._forget:
+                cells = np.union1d(cells, self._recent(SegmentFiles(self._root, segment).open_runs()).cells)
+                n_cells = len(cells)
+            if segment in self._reaching_back:
+                content = self._renumbered(self._read(segment))
+                segments.append(write_segment(self._root, content, n_cells=n_cells))
+            else:
+                segments.append(replace(segment, n_cells=n_cells))
         return segments
 
     def _without_old(self, early: Content) -> Content:
@@ -221,16 +240,15 @@ class _Plan:
         content = SegmentFiles(self._root, segment).content()
         if not self._forget:
             return content
-        recent = [chosen(runs, runs.cell, runs.last >= self._cut) for runs in (content.sealed, content.open_runs)]
-        return content._replace(sealed=recent[0], open_runs=recent[1])
+        return content._replace(sealed=self._recent(content.sealed), open_runs=self._recent(content.open_runs))
 
-    def _used(self, content: Content) -> NDArray[np.int32]:
-        """Scans before the cut that saw a cell last."""
-        last = np.concatenate([content.sealed.last, content.open_runs.last])
-        return np.unique(last[last < self._cut])
+    def _recent(self, runs: Runs) -> Runs:
+        return chosen(runs, runs.cell, runs.last >= self._cut)
 
-    def _reaches_back(self, content: Content) -> bool:
-        return any(bool((runs.first < self._cut).any()) for runs in (content.sealed, content.open_runs))
+    def _note_used(self, is_used: NDArray[np.bool_], first_scan: int, *sets: Runs) -> None:
+        """Scans before the cut that saw a cell last   [noted]."""
+        for runs in sets:
+            is_used[runs.last[runs.last < self._cut] - first_scan] = True
 
     def _renumbered(self, content: Content) -> Content:
         return content._replace(sealed=self._cut_off(content.sealed), open_runs=self._cut_off(content.open_runs))

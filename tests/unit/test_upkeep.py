@@ -85,6 +85,18 @@ def test_strands_stay_strands(tmp_path):
     assert_same(open_map(path, robots=["b"]), grid_of(others))
 
 
+def test_files_of_several_strands_are_not_mixed(tmp_path):
+    path = live_map(tmp_path / "m", room_scans(60), room_scans(60, start_s=103.05, seed=1), robots=("a", "b"))
+    saved = open_map(path)
+    with pytest.raises(MapError, match="2 strands"):
+        saved.files("scans")
+    with pytest.raises(MapError, match="no strand 2"):
+        saved.files("scans", strand=2)
+    rows = [pq.read_table(file).num_rows for k in range(saved.n_strands) for file in saved.files("scans", strand=k)]
+    assert sum(rows) == saved.n_scans
+    assert len(open_map(live_map(tmp_path / "one", room_scans(60))).files("scans")) > 0
+
+
 def test_what_cells_of_an_object_share_is_kept_once_and_comes_back(tmp_path):
     from tempog import build_grid
     from tempog.simulation import corridor, simulate

@@ -108,13 +108,41 @@ class SavedMap(Delegate):
         return self.manifest.segments
 
     @property
+    def n_strands(self) -> int:
+        """Number of strands, see docs/storage.md: groups of sessions that follow each other in time."""
+        return len(self.manifest.strands)
+
+    @property
     def bytes_on_disk(self) -> int:
         """Bytes of all files of the map."""
         return (self.path / MANIFEST).stat().st_size + sum(segment.n_bytes for segment in self.segments)
 
-    def files(self, table: str) -> list[Path]:
-        """The Parquet files of a table, for other engines: "scans", "tiles", "intervals", "open" or "surfaces"."""
-        return [self.path / segment.name / f"{table}.parquet" for segment in self.segments]
+    def files(self, table: str, strand: int | None = None) -> list[Path]:
+        """The Parquet files of a table, for other engines.
+
+        Parameters
+        ----------
+        table : str
+            "scans", "tiles", "intervals", "open" or "surfaces".
+        strand : int, optional
+            Number of a strand, 0 to `n_strands` - 1. Only a map of one strand needs none.
+
+        Raises
+        ------
+        MapError
+            There are several strands, and none was named: each numbers its scans and cells on its own, so that
+            their files must not be mixed. Or there is no such strand.
+        """
+        strands = self.manifest.strands
+        if strand is None and len(strands) > 1:
+            raise MapError(
+                f"{self.path} has {len(strands)} strands, and each numbers its scans and cells on its own; name one:"
+                f" files({table!r}, strand=0), up to {len(strands) - 1}"
+            )
+        if strand is not None and not 0 <= strand < len(strands):
+            raise MapError(f"{self.path} has no strand {strand}; it has {len(strands)}, counted from 0")
+        segments = self.segments if strand is None else strands[strand]
+        return [self.path / segment.name / f"{table}.parquet" for segment in segments]
 
     def _chosen(self, strands: AnyStrands, sessions: Iterable[str] | None, robots: Iterable[str] | None) -> History:
         """What some sessions saw; they are noted."""

@@ -339,10 +339,12 @@ def test_a_map_and_its_copies_are_not_merged(tmp_path):
     a, b = (live_map(tmp_path / name, room_scans(20, seed=seed)) for seed, name in enumerate("ab"))
     merge([a, b], tmp_path / "c")
     shutil.copytree(a, tmp_path / "copy")
-    for other in (a, tmp_path / "copy", tmp_path / "c"):
+    for other in (a, tmp_path / "copy"):
         with pytest.raises(ConfigError, match="given twice, or is a copy"):
             merge([a, other], tmp_path / "d")
     assert not (tmp_path / "d").exists()
+    merge([a, b], tmp_path / "c", force=True)
+    assert open_map(tmp_path / "c").n_scans == 40
 
 
 # Saved again.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import uuid
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -20,6 +21,7 @@ from tempog.errors import ConfigError, MapError
 from tempog.grid.segments import Runs, join
 from tempog.store.committer import FANOUT, SEGMENT_INTERVALS, merge_segments
 from tempog.store.manifest import (
+    SEGMENTS,
     Manifest,
     Segment,
     Session,
@@ -284,6 +286,7 @@ def merge(paths: Sequence[str | os.PathLike[str]], output: str | os.PathLike[str
     with new_map(target, force) as folder:
         merged = Manifest(read_manifest(roots[0]).config)
         resolution_m = merged.config["grid"]["resolution_m"]
+        copied: set[str] = set()
         for root in roots:
             read_manifest(root)
             with only_writer(root):
@@ -295,6 +298,10 @@ def merge(paths: Sequence[str | os.PathLike[str]], output: str | os.PathLike[str
                         f" {manifest.config['grid']['resolution_m']:g} m; map the logs again with one --resolution"
                     )
                 _refuse_same(merged, manifest, root)
+                names = {segment.name for segment in manifest.segments}
+                if copied & names:
+                    raise ConfigError(f"{root} was given twice, or is a copy of another of the maps")
+                copied |= names
                 merged.config = with_room(merged.config, manifest.config)
                 _copy(root, manifest, folder, merged)
         as_one(target, merged, strands_of(folder, merged))
@@ -307,8 +314,6 @@ def _refuse_same(merged: Manifest, manifest: Manifest, root: Path) -> None:
         hashes = {source["sha256"]: session.id for session in sessions for source in session.sources}
         return hashes | {session.content: session.id for session in sessions}
 
-    if {segment.name for segment in merged.segments} & {segment.name for segment in manifest.segments}:
-        raise ConfigError(f"{root} holds the same segments as another of the maps: it was given twice, or is a copy")
     known, new = names(merged.sessions), names(manifest.sessions)
     for content in set(known) & set(new) - {"", None}:
         raise ConfigError(f"session {new[content]} of {root} is in another of the maps, too, as {known[content]}")
@@ -319,15 +324,16 @@ def _copy(root: Path, manifest: Manifest, folder: Path, merged: Manifest) -> Non
     for strand in manifest.strands:
         copies = []
         for segment in strand:
+            name = f"{SEGMENTS}/{segment.first_scan:010d}-{uuid.uuid4().hex[:8]}"
             if is_format_1(segment.name):
                 content = SegmentFiles(root, segment).content()
                 copies.append(write_segment(folder, content, n_cells=segment.n_cells))
                 continue
             try:
-                shutil.copytree(root / segment.name, folder / segment.name)
+                shutil.copytree(root / segment.name, folder / name)
             except (OSError, shutil.Error) as error:
                 raise MapError(f"{root}: its segments could not be copied: {error}") from error
-            copies.append(segment)
+            copies.append(replace(segment, name=name))
         merged.strands.append(copies)
     for session in manifest.sessions:
         name, k = session.id, 2

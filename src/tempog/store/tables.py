@@ -121,7 +121,9 @@ def read_masks(path: Path) -> NDArray[np.uint8]:
 
 def sync(path: Path) -> None:
     """Have the operating system put a file or directory on the disk; OSError if it cannot."""
-    descriptor = os.open(path, os.O_RDONLY)
+    if os.name == "nt" and path.is_dir():  # Windows opens no directories
+        return
+    descriptor = os.open(path, os.O_RDWR if os.name == "nt" else os.O_RDONLY)
     try:
         os.fsync(descriptor)
     except OSError:

@@ -47,7 +47,8 @@ def test_one_experiment_gives_pictures_scores_and_a_table(tempog, tmp_path: Path
     assert all(seconds > 0 for seconds in scores["seconds"].values())
     (row,) = rows_of(out)
     assert row["static F1"] == f"{scores['scores']['static']['f1']:.2f}"
-    assert (row["people"], row["of"]) == ("20", str(float(int(row["of"].split(".")[0]))))
+    assert row["people"] == "20"
+    assert row["of"].isdigit()  # a count of one run, not a mean
     assert (tmp_path / "a" / "table.md").read_text() == out
 
 

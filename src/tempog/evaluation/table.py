@@ -26,9 +26,9 @@ COLUMNS = (
     Column("of those seen twice", lambda run: run.scores.configurations.recall_twice.value),
     Column("precision", lambda run: run.scores.configurations.precision.value),
     Column("false places", lambda run: n_missed(run.scores.configurations.precision), 1),
-    Column("things right", lambda run: float(run.scores.objects.associated.n + run.scores.objects.alone.n), 1),
-    Column("of", lambda run: float(run.scores.objects.associated.of + run.scores.objects.alone.of), 1),
-    Column("wrong links", lambda run: float(run.scores.links.n_wrong), 1),
+    Column("things right", lambda run: run.scores.objects.associated.n + run.scores.objects.alone.n, 1),
+    Column("of", lambda run: run.scores.objects.associated.of + run.scores.objects.alone.of, 1),
+    Column("wrong links", lambda run: run.scores.links.n_wrong, 1),
     Column("moving: precision", lambda run: run.scores.high_dynamic.precision.value),
     Column("moving: recall", lambda run: run.scores.high_dynamic.recall.value),
     *(
@@ -76,5 +76,7 @@ def _cell(values: Sequence[float | None], digits: int) -> str:
     known = [value for value in values if value is not None]
     if not known:
         return "-"
+    if isinstance(known[0], int) and len(set(known)) == 1:  # a count, not a mean of counts
+        return str(known[0])
     mean, low, high = (f"{value:.{digits}f}" for value in (np.mean(known), min(known), max(known)))
     return mean if low == high else f"{mean} ({low}-{high})"

@@ -47,13 +47,18 @@ def duration_text(seconds: float) -> str:
 
     >>> duration_text(1061.3), duration_text(7384), duration_text(2.25)
     ('17 min 41 s', '2 h 3 min', '2.2 s')
+    >>> duration_text(437_340)
+    '5 d 1 h'
     """
     if seconds < 60:
         return f"{seconds:.1f} s"
     minutes, rest = divmod(round(seconds), 60)
     if minutes < 60:
         return f"{minutes} min {rest} s"
-    return f"{minutes // 60} h {minutes % 60} min"
+    if minutes < 48 * 60:
+        return f"{minutes // 60} h {minutes % 60} min"
+    hours = round(minutes / 60)
+    return f"{hours // 24} d {hours % 24} h"
 
 
 def bytes_text(count: int) -> str:
@@ -129,7 +134,7 @@ def track(text: str, scans: Sequence[Tracked]) -> Iterable[Tracked]:
                 yield scan
                 if done % 64 == 0:
                     speed = progress.tasks[0].speed
-                    rate = f"{speed:,.0f}/s" if speed else ""
+                    rate = f"{count_text(round(speed))}/s" if speed else ""
                     progress.update(task, completed=done + 1, rate=rate)
             progress.update(task, completed=len(scans))
 

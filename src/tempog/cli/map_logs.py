@@ -19,6 +19,7 @@ from tempog.cli._output import (
     QuietFlag,
     bytes_text,
     count_text,
+    counted,
     duration_text,
     print_json,
     print_note,
@@ -125,7 +126,9 @@ def map_logs(
     map_notes = overlaps(logs)
     if not quiet and not json:
         for log in logs:
-            typer.echo(f"{log.source}: {log.format}, {len(log)} scans, {duration_text(log.duration_s)}")
+            typer.echo(
+                f"{log.source}: {log.format}, {counted(len(log), 'scan', 'scans')}, {duration_text(log.duration_s)}"
+            )
             for note in log.notes:
                 print_note(note)
     started = time.perf_counter()
@@ -176,7 +179,7 @@ def map_logs(
         print_json(answer)
         return
     typer.echo(
-        f"{count_text(added.n_scans)} scans in {ingest_s:.1f} s ({answer['scans_per_s']:,.0f}/s):"
+        f"{count_text(added.n_scans)} scans in {ingest_s:.1f} s ({count_text(round(answer['scans_per_s']))}/s):"
         f" {count_text(answer['n_cells'])} cells, {count_text(answer['n_intervals'])} intervals,"
         f" {bytes_text(answer['bytes_on_disk'])} in {path}"
     )

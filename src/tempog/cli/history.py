@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from tempog.cli._maps import MapArgument, RobotOption, SessionOption, opened
-from tempog.cli._output import JsonFlag, duration_text, print_json
+from tempog.cli._output import JsonFlag, count_text, counted, duration_text, print_json
 from tempog.times import NS_PER_S
 
 if TYPE_CHECKING:
@@ -46,20 +46,24 @@ def history(
     row, col = saved.tiles.spec.cell_of(x, y)
     occupied = states.value > 0.5
     typer.echo(
-        f"({x:g}, {y:g}) m, cell [{row}, {col}]: {len(states)} intervals, {int(occupied.sum())} occupied,"
-        f" {int((~occupied).sum())} free, {len(states.gaps)} gaps"
+        f"({x:g}, {y:g}) m, cell [{row}, {col}]: {counted(len(states), 'interval', 'intervals')},"
+        f" {int(occupied.sum())} occupied, {int((~occupied).sum())} free, {counted(len(states.gaps), 'gap', 'gaps')}"
     )
     typer.echo(f"|{strip(saved, states)}|")
     label = f"+{saved.duration_s:.0f} s"
     typer.echo(f"+0{label:>{STRIP_WIDTH}}")
     typer.echo(f"{OCCUPIED} occupied  {FREE} free  {BOTH} both  blank: not observed")
-    for k, (start, stop, value) in enumerate(states):
-        if k == LISTED and not every:
-            typer.echo(f"... and {len(states) - LISTED} more; --all lists them")
-            break
+    listed = states[:] if every else states[:LISTED]
+    since = [saved.format_moment(state.start_ns) for state in listed]
+    width = max(map(len, since))
+    for when, (start, stop, value) in zip(since, listed, strict=True):
         name = "occupied" if value > 0.5 else "free"
         length = duration_text((stop - start) / NS_PER_S)
-        typer.echo(f"{saved.format_moment(start):>36}  {name:8} {value:.2f}  for {length}")
+        # Dates stand below each other, and so do plain seconds.
+        aligned = when.ljust(width) if "UTC" in when else when.rjust(width)
+        typer.echo(f"{aligned}  {name:8} {value:.2f}  for {length}")
+    if len(listed) < len(states):
+        typer.echo(f"... and {count_text(len(states) - len(listed))} more; --all lists them")
 
 
 def strip(saved: History, states: CellHistory) -> str:

@@ -136,14 +136,14 @@ def objects(
         typer.echo(OBJECTS_HEAD)
     for one in found.objects[:LISTED]:
         typer.echo(object_text(one, start_ns, ambiguous_with(one, found)))
-    unlisted(len(found.objects), "objects", file)
+    unlisted(len(found.objects), "object", "objects", file)
     if found.configurations:
         typer.echo(f"\n{PLACES_HEAD}")
     places = [(str(one.id), place) for one in found.objects for place in one.configurations]
     places += [("-", place) for place in found.unassociated]
     for name, place in places[:LISTED]:
         typer.echo(f"{name:>6} {place_text(place)}")
-    unlisted(len(places), "places", file)
+    unlisted(len(places), "place", "places", file)
     for one in wanted:
         typer.echo("\n" + "\n".join(timeline_lines(one, found)))
     if measured:
@@ -198,11 +198,11 @@ def with_settings(settings: Settings, chosen: list[str]) -> Settings:
     return dataclasses.replace(settings, **changed)
 
 
-def unlisted(count: int, what: str, file: Path | None) -> None:
+def unlisted(count: int, one: str, many: str, file: Path | None) -> None:
     """Say how many rows of a table are left out, if any."""
     if count > LISTED:
         where = f"{file} lists them" if file is not None else "--json FILE lists them"
-        typer.echo(f"... and {count - LISTED} more {what}; {where}")
+        typer.echo(f"... and {count_text(count - LISTED)} more {one if count - LISTED == 1 else many}; {where}")
 
 
 def object_of(found: FoundObjects, number: int) -> MovingObject:

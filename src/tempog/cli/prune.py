@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -22,6 +22,10 @@ from tempog.cli._output import (
 from tempog.cli.show import MOMENT_HELP
 from tempog.errors import ConfigError
 from tempog.times import NS_PER_S, parse_duration
+
+if TYPE_CHECKING:
+    from tempog.store.saved_map import SavedMap
+    from tempog.store.upkeep import Pruned
 
 
 def prune(
@@ -47,7 +51,7 @@ def prune(
     """
     if (keep is None) == (before is None):
         raise ConfigError("give --keep DURATION or --before T: how much stays, or what goes")
-    duration_ns = round(parse_duration(keep) * NS_PER_S) if keep is not None else 0
+    duration_ns = kept_ns(keep) if keep is not None else 0
     if json and not (yes or dry_run):
         raise ConfigError("--json asks nobody; add --yes to delete, or --dry-run to see what would go")
     from tempog.store.upkeep import prune
@@ -57,20 +61,41 @@ def prune(
     before_ns = saved.parse_moment(before) if before is not None else int(saved.stamps_ns[-1]) - duration_ns
     with status(f"reading {map_path}", wants_progress(quiet or json)):
         gone = prune(map_path, before_ns, forget=forget, dry_run=True)
+    anything = bool(gone.n_scans or gone.n_intervals)
     if not json:
-        kept = "are forgotten, too" if forget else "stay"
         typer.echo(
-            f"{map_path}: {count_text(gone.n_intervals)} of {count_text(saved.n_intervals)} intervals and"
-            f" {count_text(gone.n_scans)} of {count_text(saved.n_scans)} scans, from before"
-            f" {saved.format_moment(before_ns)}, go for ever; the last states of"
-            f" {counted(gone.n_last_seen, 'cell', 'cells')} that nobody saw since {kept}."
+            f"{map_path}: {said(saved, gone, forget) if anything else 'nothing is that old; all of it stays.'}"
         )
-    if not dry_run and (gone.n_scans or gone.n_intervals):
-        if not yes and not (sys.stdin.isatty() and typer.confirm("Delete?")):
+    if not dry_run and anything:
+        if not yes and not sys.stdin.isatty():
             raise ConfigError("nothing was deleted; add --yes to delete without being asked")
+        if not yes and not typer.confirm("Delete?"):
+            typer.echo("Nothing was deleted.")
+            raise typer.Exit(1)
         with status(f"pruning {map_path}", wants_progress(quiet or json)):
             gone = prune(map_path, before_ns, forget=forget)
     if json:
         print_json({"map": str(map_path), "deleted": not dry_run, **dataclasses.asdict(gone)})
     elif gone.n_bytes is not None:
         typer.echo(f"Deleted; {bytes_text(gone.n_bytes)} less.")
+
+
+def kept_ns(keep: str) -> int:
+    """How much stays, in nanoseconds; a number without a unit is refused, since 30 is hardly meant as seconds."""
+    seconds = parse_duration(keep)
+    if not keep.strip()[-1].isalpha():
+        raise ConfigError(f"--keep {keep} has no unit; wanted for example 30d, 24h or 90min")
+    return round(seconds * NS_PER_S)
+
+
+def said(saved: SavedMap, gone: Pruned, forget: bool) -> str:
+    """What goes, and what becomes of cells that were not seen since."""
+    text = (
+        f"{count_text(gone.n_intervals)} of {count_text(saved.n_intervals)} intervals and"
+        f" {count_text(gone.n_scans)} of {count_text(saved.n_scans)} scans, from before"
+        f" {saved.format_moment(gone.before_ns)}, go for ever"
+    )
+    if not gone.n_last_seen:
+        return f"{text}."
+    kept = "go, too" if forget else "stay"
+    return f"{text}; the last states of {counted(gone.n_last_seen, 'cell', 'cells')} that nobody saw since {kept}."

@@ -120,10 +120,28 @@ def test_pruning_says_what_goes_and_asks(tempog, site):
     assert [one["id"] for one in info["sessions"]] == ["tuesday"]
     assert info["pruned"][0]["n_intervals"] == done["n_intervals"]
     assert "pruned" in tempog("info", site).out
+    assert "older      " in tempog("info", site).out
+    assert "nothing is that old" in tempog("prune", site, "--keep", "10min").out
+
+
+def test_what_was_pruned_is_said_where_it_is_asked_for(tempog, site, tmp_path):
+    assert tempog("prune", site, "--keep", "10min", "--yes").code == 0
+    early = tempog("show", site, "--at", "+30", "-o", tmp_path / "early.png")
+    late = tempog("show", site, "--at", "+3665", "-o", tmp_path / "late.png")
+    assert (early.code, late.code) == (0, 0)
+    assert "was pruned" in early.err
+    assert "was pruned" not in late.err
+    assert "was pruned" in tempog("diff", site, "--between", "+30", "+3665").err
 
 
 def test_pruning_needs_to_be_told_how_much(tempog, site):
-    for words in ((), ("--keep", "1h", "--before", "+10"), ("--keep", "never"), ("--before", "noon")):
+    for words in (
+        (),
+        ("--keep", "1h", "--before", "+10"),
+        ("--keep", "never"),
+        ("--keep", "30"),
+        ("--before", "noon"),
+    ):
         assert tempog("prune", site, *words).code == 2
     assert tempog("prune", site, "--before", "+100", "--forget", "-y").code == 0
     assert open_map(site).n_scans == 600

@@ -30,3 +30,13 @@ def opened(path: Path, sessions: list[str] | None = None, robots: list[str] | No
     for note in saved.repaired:
         print_note(note)
     return saved
+
+
+def note_pruned(saved: SavedMap, *stamps_ns: int) -> None:
+    """Say on standard error that little is known of moments from before history was deleted."""
+    cut_ns = max((deleted["before_ns"] for deleted in saved.manifest.pruned), default=None)
+    if cut_ns is not None and any(stamp_ns < cut_ns for stamp_ns in stamps_ns):
+        print_note(
+            f"history from before {saved.format_moment(cut_ns)} was pruned; of earlier moments at most the last look"
+            " at each cell is left"
+        )

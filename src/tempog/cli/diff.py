@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tempog._files import whole_file
-from tempog.cli._maps import MapArgument, RobotOption, SessionOption, opened
+from tempog.cli._maps import MapArgument, RobotOption, SessionOption, note_pruned, opened
 from tempog.cli._output import (
     ForceFlag,
     QuietFlag,
@@ -112,7 +112,10 @@ def diff(
     for path in (output, file):
         if path is not None:
             typer.echo(f"Written: {path}")
-    if poses.warning and not quiet:
+    if quiet:
+        return
+    note_pruned(saved, changed.before_ns, changed.after_ns)
+    if poses.warning:
         print_note(poses.warning)
 
 

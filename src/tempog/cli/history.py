@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from tempog.cli._maps import MapArgument, RobotOption, SessionOption, opened
+from tempog.cli._maps import MapArgument, RobotOption, SessionOption, note_pruned, opened
 from tempog.cli._output import JsonFlag, count_text, counted, duration_text, print_json
 from tempog.times import NS_PER_S
 
@@ -49,6 +49,7 @@ def history(
         f"({x:g}, {y:g}) m, cell [{row}, {col}]: {counted(len(states), 'interval', 'intervals')},"
         f" {int(occupied.sum())} occupied, {int((~occupied).sum())} free, {counted(len(states.gaps), 'gap', 'gaps')}"
     )
+    note_pruned(saved, int(states.start_ns[0]))
     typer.echo(f"|{strip(saved, states)}|")
     label = f"+{saved.duration_s:.0f} s"
     typer.echo(f"+0{label:>{STRIP_WIDTH}}")

@@ -68,9 +68,15 @@ def info(map_path: MapArgument, json: JsonFlag = False) -> None:
     for session in saved.sessions:
         for line in session_lines(saved, session):
             typer.echo(line)
-    for deleted in manifest.pruned:
+    n_older = saved.n_scans - sum(session.n_scans for session in saved.sessions)
+    if n_older:
         typer.echo(
-            f"{'pruned':10} {deleted['when']}: {counted(deleted['n_intervals'], 'interval', 'intervals')} from before"
+            f"{'older':10} {counted(n_older, 'scan', 'scans')} of sessions that were pruned: the last looks at cells"
+        )
+    for deleted in manifest.pruned:
+        when = deleted["when"].replace("T", " ").replace("Z", " UTC")
+        typer.echo(
+            f"{'pruned':10} {when}: {counted(deleted['n_intervals'], 'interval', 'intervals')} from before"
             f" {saved.format_moment(deleted['before_ns'])}"
         )
 
@@ -83,7 +89,7 @@ def session_lines(saved: SavedMap, session: Session) -> Iterator[str]:
     for source in session.sources:
         yield f"{'source':10} {source['path']}: {source['format']}, {counted(source['n_scans'], 'scan', 'scans')}"
         for note in source["notes"]:
-            yield f"{'':10} note: {note}"
+            yield f"{'':10} {wrapped(f'note: {note}', INDENT)}"
 
 
 def setting_text(name: str, value: Any) -> str:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from tempog._files import whole_file
-from tempog.cli._maps import MapArgument, RobotOption, SessionOption, opened
+from tempog.cli._maps import MapArgument, RobotOption, SessionOption, note_pruned, opened
 from tempog.cli._output import (
     ForceFlag,
     QuietFlag,
@@ -154,7 +154,10 @@ def objects(
         )
     if file is not None:
         typer.echo(f"Written: {file}")
-    if poses.warning and not quiet:
+    if quiet:
+        return
+    note_pruned(saved, *(saved.parse_moment(moment) for moment in (start, stop) if moment is not None))
+    if poses.warning:
         print_note(poses.warning)
 
 

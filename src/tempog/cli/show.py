@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tempog.cli._maps import MapArgument, RobotOption, SessionOption, opened
+from tempog.cli._maps import MapArgument, RobotOption, SessionOption, note_pruned, opened
 from tempog.cli._output import ForceFlag, check_new_picture, save_figure
 from tempog.errors import ConfigError, TimeError
 from tempog.methods import Method
@@ -53,11 +53,13 @@ def show(
         raise ConfigError(f"--hold does not go with the {layer} layer; it is for {' and '.join(MOMENT_LAYERS)}")
     if method is not None and layer not in FOUND_LAYERS:
         raise ConfigError(f"--method does not go with the {layer} layer; it is for objects")
-    history: History = opened(map_path, sessions, robots)
+    saved = opened(map_path, sessions, robots)
+    history: History = saved
     if at is not None:
         _require_covered(history, at)
     if start is not None or stop is not None:
         history = history.window(start, stop)
+    note_pruned(saved, *(saved.parse_moment(moment) for moment in (at, start, stop) if moment is not None))
     figure = draw_layer(
         history,
         layer,

@@ -141,9 +141,11 @@ class History(ABC):
     def runs(self) -> Iterator[Runs]:
         """All intervals, in sets from oldest to newest; per cell, later sets hold later intervals."""
 
-    @abstractmethod
     def runs_of_cell(self, cell: int) -> list[CellPiece]:
         """First scans, last scans and values of one cell's intervals, in pieces in time order."""
+        sets = list(self.runs_of_tiles(np.array([cell // TILE_CELLS], dtype=np.int32)))
+        where = [runs.of_cell(cell) for runs in sets]
+        return [(runs.first[at], runs.last[at], runs.value[at]) for runs, at in zip(sets, where, strict=True)]
 
     # A history on disk answers these from a part of it.
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tempog.errors import ConfigError
-from tempog.grid.history import CellPiece, History
+from tempog.grid.history import History
 from tempog.grid.overlay import overlay
 from tempog.grid.segments import Runs, of_tiles
 from tempog.sensing.surfaces import SurfaceMemory, pooled
@@ -110,12 +110,6 @@ class Merged(History):
                 found = history.runs_of_tiles(wanted, period[0] if all_count else 0, period[1])
                 sets += [(part, of_tiles(runs, wanted)) for runs in found]
         yield self._overlaid(sets)
-
-    def runs_of_cell(self, cell: int) -> list[CellPiece]:
-        """First scans, last scans and values of one cell's intervals."""
-        (runs,) = self.runs_of_tiles(np.array([cell // TILE_CELLS], dtype=np.int32))
-        where = runs.of_cell(cell)
-        return [(runs.first[where], runs.last[where], runs.value[where])]
 
     def _of_part(self, part: int, first_scan: int, last_scan: int) -> tuple[int, int] | None:
         """The period of a part, by its own numbers, that reaches over a period; None if no scan of it counts."""

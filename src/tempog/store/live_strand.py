@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tempog.grid.history import CellPiece, History
+from tempog.grid.history import History
 from tempog.grid.intervals import NEVER
 from tempog.grid.mapper import Mapper
 from tempog.grid.segments import Runs, join
 from tempog.sensing.surfaces import SurfaceMemory
-from tempog.sensing.tiles import TILE_CELLS, TileIndex
+from tempog.sensing.tiles import TileIndex
 from tempog.store.strand import Strand
 
 
@@ -123,14 +123,6 @@ class LiveStrand(History):
         if segments and first_scan < segments[-1].end_scan - self.disk.base:
             yield from self.disk.sealed_of_tiles(tiles, since)
         yield from self._tail()
-
-    def runs_of_cell(self, cell: int) -> list[CellPiece]:
-        """First scans, last scans and values of one cell's intervals, in pieces in time order."""
-        pieces = []
-        for runs in self.runs_of_tiles(np.array([cell // TILE_CELLS], dtype=np.int32)):
-            where = runs.of_cell(cell)
-            pieces.append((runs.first[where], runs.last[where], runs.value[where]))
-        return pieces
 
     @property
     def n_cells(self) -> int:

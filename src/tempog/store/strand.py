@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from tempog.config import MapConfig
 from tempog.errors import ConfigError, ExtentError, MapError
-from tempog.grid.history import CellPiece, History
+from tempog.grid.history import History
 from tempog.grid.merged import Merged
 from tempog.grid.segments import Runs, of_tiles
 from tempog.sensing.grid_spec import GridSpec
 from tempog.sensing.surfaces import SurfaceMemory
-from tempog.sensing.tiles import TILE_CELLS, TileIndex
+from tempog.sensing.tiles import TileIndex
 from tempog.store.manifest import Manifest, Segment, damaged
 from tempog.store.segment_files import SegmentFiles, overlaid_hits, overlaid_runs
 from tempog.times import MAX_NS, NS_PER_S
@@ -171,14 +171,6 @@ class Strand(History):
     def _are_many(self, tiles: NDArray[np.int32]) -> bool:
         """Whether tiles are so much of the map that all is read, and kept for the next question."""
         return len(tiles) > SHARE_OF_MANY * self.tiles.n_tiles
-
-    def runs_of_cell(self, cell: int) -> list[CellPiece]:
-        """First scans, last scans and values of one cell's intervals; reads only what may hold them."""
-        pieces = []
-        for runs in self.runs_of_tiles(np.array([cell // TILE_CELLS], dtype=np.int32)):
-            where = runs.of_cell(cell)
-            pieces.append((runs.first[where], runs.last[where], runs.value[where]))
-        return pieces
 
     def state_after(self, n_segments: int) -> Runs:
         """Of each cell the interval that might go on when so many segments had ended."""

@@ -90,10 +90,15 @@ def format_moment(stamp_ns: int, start_ns: int) -> str:
     '+12.5 s'
     """
     offset = f"{(stamp_ns - start_ns) / NS_PER_S:+.1f} s"
-    if start_ns < 10**8 * NS_PER_S:  # before 1973: a clock that counts from power-on
+    if not is_unix_time(start_ns):
         return offset
     date = datetime.fromtimestamp(stamp_ns // NS_PER_S, UTC)
     return f"{date:%Y-%m-%d %H:%M:%S} UTC ({offset})"
+
+
+def is_unix_time(start_ns: int) -> bool:
+    """Whether a clock that a log begins at looks like Unix time; before 1973, it counts from power-on."""
+    return start_ns >= 10**8 * NS_PER_S
 
 
 def _parse_text(text: str, start_ns: int) -> int:

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from tempog.analysis.find_objects import find_objects
 from tempog.analysis.static import CellClass
 from tempog.pipeline import build_grid
+from tempog.scans.scan import Scan
 from tempog.sensing.grid_spec import Extent
 from tempog.simulation import corridor, load_world, simulate
 from tempog.views.objects import LABEL_POINTS, draw_high_dynamic, draw_objects, draw_timeline, label_offsets
@@ -74,6 +75,22 @@ def test_a_timeline_of_a_window_counts_from_the_log_s_start_and_one_of_nothing_s
     assert axes.get_xlim() == pytest.approx((20.0, 50.0), abs=0.1)
     assert [text.get_text() for text in axes.texts] == ["No objects were found, so there are no times to show."]
     assert labels(figure) == ["occupied", "free", "not seen"]
+
+
+@pytest.mark.parametrize(("start_s", "unit"), [(1_750_000_000, "UTC"), (50, "seconds since the log's start")])
+def test_a_timeline_of_two_days_has_room_for_the_minutes_driven(start_s, unit):
+    scans = simulate(corridor(), duration_s=120.0).scans
+    first_s = scans[0].stamp_ns / 1e9
+    shifts = [start_s - first_s, start_s - first_s + 86_400]
+    days = [
+        Scan(s.t + shift, (s.x, s.y, s.theta), s.angles, s.ranges, s.max_range) for shift in shifts for s in scans
+    ]
+    axes = draw_timeline(find_objects(build_grid(days))).axes[0]
+    assert axes.get_xlabel() == f"{unit}; white: a pause without scans"
+    assert len(axes.get_xticklabels()) == 2
+    ends = axes.transData.transform([(0, 0), (119, 0), (86_400, 0), (86_519, 0)])[:, 0]
+    shares = np.diff(ends) / (ends[-1] - ends[0])
+    assert shares == pytest.approx([0.49, 0.02, 0.49], abs=0.01)
 
 
 def test_legends_name_what_a_picture_has_and_nothing_else():

@@ -38,6 +38,7 @@ from tempog.views.canvas import (
     cropped,
     show_map,
 )
+from tempog.views.time_axis import set_time_axis
 
 # Okabe and Ito's colours, which colour-blind people can tell apart, without black, the colour of lone places, and sky
 # blue, which looks like that of glass.
@@ -120,7 +121,8 @@ def draw_timeline(found: FoundObjects, *, title: str = "") -> Figure:
 
     A row per place, the rows of one object beside each other in its colour: full where it was occupied, pale where
     it was free, and hatched grey where it was not seen. At the right, the share of the time the object was seen in
-    which it was there, and how often it moved. Times are from the log's start, in windows too.
+    which it was there, and how often it moved. Times are from the log's start, in windows too; long pauses without
+    scans, between sessions, are narrow and white, and times are dates then, if the log has any.
     """
     rows = [(k, one, place) for k, one in enumerate(found.objects) for place in one.configurations]
     start_ns = int(found.history.stamps_ns[0])
@@ -147,8 +149,8 @@ def draw_timeline(found: FoundObjects, *, title: str = "") -> Figure:
         for _, one, place in rows
     ]
     axes.set_yticks(range(len(rows)), labels, fontsize=7)
-    axes.set(xlabel="seconds since the log's start", xlim=(first_s, stop_s), ylim=(max(len(rows), 1) - 0.5, -0.5))
-    axes.tick_params(axis="x", labelsize=8)
+    axes.set_ylim(max(len(rows), 1) - 0.5, -0.5)
+    set_time_axis(axes, found.history.stamps_ns[found.history.first_scan : found.history.last_scan + 1], start_ns)
     summary = axes.secondary_yaxis("right")
     summary.set_yticks(range(len(rows)), [_course_text(one, place) for _, one, place in rows], fontsize=7)
     summary.tick_params(length=0)

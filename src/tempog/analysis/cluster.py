@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from queue import Empty, SimpleQueue
 from threading import Thread
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from tempog._version import __version__
 from tempog.errors import ClusterError, ConfigError
@@ -106,14 +106,14 @@ class DaskWorkers:
         def take() -> int:
             future = self._next(done)
             k, n_sent = on_their_way.pop(future)
-            answers[k] = pickle.loads(self._result(future))
+            answers[k] = unpacked(self._result(future))
             if self._progress is not None:
                 self._progress(what, len(answers), n_items)
             return n_sent
 
         try:
             for k, item in enumerate(items):
-                sent = pickle.dumps((work, item), protocol=pickle.HIGHEST_PROTOCOL)
+                sent = packed((work, item))
                 while on_their_way and (len(on_their_way) >= n_most or n_bytes + len(sent) > BYTES_ON_THEIR_WAY):
                     n_bytes -= take()
                 future = self._send(f"{what} {k}", sent)
@@ -283,14 +283,29 @@ def _remote(address: str) -> Iterator[Client]:
         yield client
 
 
+def packed(what: object) -> bytes:
+    """Something pickled and compressed: over half of the bytes are saved, in less time than a local socket takes."""
+    import pyarrow
+
+    plain = pickle.dumps(what, protocol=pickle.HIGHEST_PROTOCOL)
+    return pickle.dumps((len(plain), pyarrow.compress(plain, codec="lz4", asbytes=True)))
+
+
+def unpacked(sent: bytes) -> Any:
+    """What was packed."""
+    import pyarrow
+
+    size, compressed = pickle.loads(sent)
+    return pickle.loads(pyarrow.decompress(compressed, size, codec="lz4"))
+
+
 def _worker_side() -> Callable[[bytes], bytes]:
     """What workers run. A function within a function is sent as code: the scheduler loads it, and may lack tempog."""
 
     def work_out(sent: bytes) -> bytes:
-        import pickle
+        from tempog.analysis.cluster import packed, unpacked
 
-        # Arrays that Dask itself sent would be read-only, for which kernels would be compiled once more.
-        work, item = pickle.loads(sent)
-        return pickle.dumps(work(item), protocol=pickle.HIGHEST_PROTOCOL)
+        work, item = unpacked(sent)  # arrays that Dask itself sent would be read-only: kernels compiled once more
+        return packed(work(item))
 
     return work_out

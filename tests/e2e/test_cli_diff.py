@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import sys
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 
@@ -12,7 +12,6 @@ import matplotlib.image
 import pytest
 
 from tempog import build_grid, open_map, open_scans, save_map
-from tempog.cli.app import run
 from tempog.simulation import corridor, load_world, simulate
 
 SCHEMA = json.loads((files("tempog") / "schemas/diff-1.json").read_text(encoding="utf-8"))
@@ -27,19 +26,9 @@ def corridor_map(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def tempog(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    def call(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["tempog", "diff", *(str(word) for word in words)])
-        capsys.readouterr()
-        code = 0
-        try:
-            run()
-        except SystemExit as stop:
-            code = int(stop.code or 0)
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return call
+def tempog(tempog):
+    """``tempog diff WORDS...``"""
+    return partial(tempog, "diff")
 
 
 def test_the_schema_is_one() -> None:

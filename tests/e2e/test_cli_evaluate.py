@@ -3,34 +3,16 @@
 from __future__ import annotations
 
 import json
-import sys
 
 import pytest
 
 from tempog import build_grid, save_map
 from tempog.analysis.find_objects import find_objects
 from tempog.analysis.objects_schema import read_objects
-from tempog.cli.app import run
 from tempog.evaluation import evaluate, truth_document
 from tempog.scans.npz import write_npz
 from tempog.simulation import load_world, simulate
 from tempog.simulation.truth import Truth, read_truth, write_truth
-
-
-@pytest.fixture
-def tempog(monkeypatch, capsys):
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["tempog", *(str(word) for word in words)])
-        capsys.readouterr()
-        code = 0
-        try:
-            run()
-        except SystemExit as stop:
-            code = int(stop.code or 0)
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return call
 
 
 @pytest.fixture(scope="module")

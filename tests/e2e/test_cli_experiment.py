@@ -4,28 +4,18 @@ from __future__ import annotations
 
 import json
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from tempog.cli.app import run
 from tempog.cli.experiment import PICTURES
 
 
 @pytest.fixture
-def tempog(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    def call(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["tempog", "experiment", *(str(word) for word in words)])
-        capsys.readouterr()
-        code = 0
-        try:
-            run()
-        except SystemExit as stop:
-            code = int(stop.code or 0)
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return call
+def tempog(tempog):
+    """``tempog experiment WORDS...``"""
+    return partial(tempog, "experiment")
 
 
 def rows_of(table: str) -> list[dict[str, str]]:

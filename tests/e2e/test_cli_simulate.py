@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import sys
+from functools import partial
 
 import numpy as np
 import pytest
 
-from tempog.cli.app import run
 from tempog.errors import ScanError
 from tempog.scans.carmen_writer import write_carmen
 from tempog.scans.open import open_scans
@@ -18,19 +17,9 @@ from tempog.simulation.truth import truth_paths
 
 
 @pytest.fixture
-def tempog(monkeypatch, capsys):
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["tempog", "simulate", *(str(word) for word in words)])
-        capsys.readouterr()
-        code = 0
-        try:
-            run()
-        except SystemExit as stop:
-            code = int(stop.code or 0)
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return call
+def tempog(tempog):
+    """``tempog simulate WORDS...``"""
+    return partial(tempog, "simulate")
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".log"])

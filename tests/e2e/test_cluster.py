@@ -13,6 +13,7 @@ import threading
 import time
 import uuid
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -21,7 +22,6 @@ from tempog import build_grid, find_objects, save_map
 from tempog.analysis import cluster
 from tempog.analysis.cluster import DaskWorkers, check_cluster, dask_workers
 from tempog.analysis.find_objects import FoundObjects
-from tempog.cli.app import run
 from tempog.errors import ClusterError, ConfigError
 from tempog.grid.history import History
 from tempog.simulation import load_world, simulate
@@ -62,19 +62,9 @@ def rooms_map(rooms: History, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def tempog(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    def call(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["tempog", "objects", *(str(word) for word in words)])
-        capsys.readouterr()
-        code = 0
-        try:
-            run()
-        except SystemExit as stop:
-            code = int(stop.code or 0)
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return call
+def tempog(tempog):
+    """``tempog objects WORDS...``"""
+    return partial(tempog, "objects")
 
 
 def everything(found: FoundObjects) -> tuple[object, ...]:

@@ -11,6 +11,9 @@ TempogError
 ├── MapError            a saved map that cannot be read or written
 ├── WorldError          a world to simulate that cannot be, or whose file cannot be read
 ├── TruthError          the truth about a simulated log that cannot be read
+├── MessageError        bytes that are no message of the type they should be
+├── TransformError      no way from one frame to another, or not at that time
+├── ExtraError          a package that only some of tempog needs is not installed
 ├── AnswerError         found objects that cannot be read, or not be judged
 └── ClusterError        workers that cannot be reached, or that lost what they were given
 
@@ -61,6 +64,18 @@ class WorldError(TempogError, ValueError):
 
 class TruthError(TempogError, ValueError):
     """The truth about a simulated log that cannot be read."""
+
+
+class MessageError(TempogError, ValueError):
+    """Bytes that are no ROS message of the type they should be, or a type that nobody has defined."""
+
+
+class TransformError(TempogError, LookupError):
+    """Frames that nothing connects, or a moment at which nothing does."""
+
+
+class ExtraError(TempogError, ImportError):
+    """A package that only some of tempog needs, and that is not installed."""
 
 
 class AnswerError(TempogError, ValueError):

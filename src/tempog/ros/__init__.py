@@ -1,0 +1,1 @@
+"""What robots with ROS say: messages and transforms, without a ROS installation."""

@@ -2,30 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import math
 import random
-import shutil
-import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import system_ros
 from tempog.errors import TransformError
 from tempog.ros.messages import StampedTransform
 from tempog.ros.transforms import TransformBuffer
 
-SYSTEM_PYTHON = "/usr/bin/python3"
-CORE = Path(__file__).parents[1] / "tf2_core.py"
 FRAMES = ["map", "odom", "base", "laser", "rear"]
-
-
-def _has_tf2() -> bool:
-    asked = [SYSTEM_PYTHON, "-c", "import tf2_ros, rospy"]
-    return bool(shutil.which(SYSTEM_PYTHON)) and subprocess.run(asked, capture_output=True).returncode == 0
 
 
 def _random_turn(chance: random.Random) -> tuple[float, float, float, float]:
@@ -52,7 +42,9 @@ def _world(seed: int) -> list[tuple[StampedTransform, bool]]:
     return made
 
 
-@pytest.mark.skipif(not _has_tf2(), reason="tf2_ros is not installed (Debian: python3-tf2-ros)")
+@pytest.mark.skipif(
+    not system_ros.has("tf2_ros", "rospy"), reason="tf2_ros is not installed (Debian: python3-tf2-ros)"
+)
 @pytest.mark.parametrize("seed", range(8))
 def test_answers_are_those_of_tf2(seed: int) -> None:
     made = _world(seed)
@@ -61,14 +53,12 @@ def test_answers_are_those_of_tf2(seed: int) -> None:
         (chance.choice(FRAMES), chance.choice(FRAMES), chance.randrange(1, 4_000_000_000)) for _ in range(200)
     ]
     asked = {"transforms": [(*one, static) for one, static in made], "questions": questions}
-    run = subprocess.run(
-        [SYSTEM_PYTHON, str(CORE)], input=json.dumps(asked), capture_output=True, text=True, env={}, check=True
-    )
+    answers = system_ros.ask("tf2_core.py", asked)
     buffer = TransformBuffer(extrapolate_s=0.0)
     for one, static in made:
         buffer.add(one, static=static)
     n_known = 0
-    for (fixed, frame, stamp_ns), theirs in zip(questions, json.loads(run.stdout), strict=True):
+    for (fixed, frame, stamp_ns), theirs in zip(questions, answers, strict=True):
         try:
             moved, turned = buffer.poses(fixed, frame, [stamp_ns])
         except TransformError:

@@ -23,7 +23,8 @@ def parse_moment(moment: Moment, start_ns: int) -> int:
     ----------
     moment : float, str, datetime or numpy.datetime64
         A number is seconds as in the log (Unix seconds in most logs). Text may be such a number, ``"+120"``
-        (seconds after the first scan; ``"+2.5s"`` works too), or ISO 8601. A date without a time zone is UTC.
+        (seconds after the first scan; ``"+90min"``, ``"+36h"`` and ``"+2d"`` work too), or ISO 8601. A date without
+        a time zone is UTC.
     start_ns : int, nanoseconds
         Stamp of the first scan.
 
@@ -36,6 +37,8 @@ def parse_moment(moment: Moment, start_ns: int) -> int:
     --------
     >>> parse_moment("+120", start_ns=5_000_000_000)
     125000000000
+    >>> parse_moment("+1.5h", start_ns=0) == parse_moment("+90min", start_ns=0) == parse_moment(5400, start_ns=0)
+    True
     >>> parse_moment("2003-12-10T17:51:58Z", start_ns=0) == parse_moment(1071078718, start_ns=0)
     True
     """
@@ -104,9 +107,11 @@ def is_unix_time(start_ns: int) -> bool:
 def _parse_text(text: str, start_ns: int) -> int:
     trimmed = text.strip()
     relative = trimmed.startswith("+")
-    number = trimmed.removesuffix("s").removesuffix(" ") if relative else trimmed
+    number, unit_s = trimmed, 1.0
+    if relative and (match := re.fullmatch(r"(.*?)\s*(s|min|h|d|w)", trimmed)):
+        number, unit_s = match[1], UNITS_S[match[2]]
     try:
-        seconds = float(number)
+        seconds = float(number) * unit_s
     except ValueError:
         pass
     else:
@@ -115,8 +120,8 @@ def _parse_text(text: str, start_ns: int) -> int:
         date = datetime.fromisoformat(trimmed)
     except ValueError:
         raise MomentError(
-            f"{text!r} is not a moment; wanted seconds as in the log (1071078718.5), +120 for seconds after the"
-            " first scan, or a date like 2003-12-10T17:51:58Z"
+            f"{text!r} is not a moment; wanted seconds as in the log (1071078718.5), +120 for seconds (or +36h,"
+            " +2d) after the first scan, or a date like 2003-12-10T17:51:58Z"
         ) from None
     return parse_moment(date, start_ns)
 

@@ -28,6 +28,13 @@ def test_a_plus_counts_seconds_from_the_first_scan(moment):
     assert parse_moment(moment, START_NS) == START_NS + 2_500_000_000
 
 
+@pytest.mark.parametrize(
+    ("moment", "seconds"), [("+2d", 172_800), ("+1.5 h", 5400), ("+90min", 5400), ("+1w", 604_800)]
+)
+def test_a_plus_may_count_longer_units(moment, seconds):
+    assert parse_moment(moment, START_NS) == START_NS + seconds * NS
+
+
 def test_a_negative_number_is_before_the_clocks_zero():
     assert parse_moment("-3", START_NS) == -3 * NS
 

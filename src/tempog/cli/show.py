@@ -18,7 +18,7 @@ from tempog.views.layers import FOUND_LAYERS, MOMENT_LAYERS, Layer
 if TYPE_CHECKING:
     from tempog.grid.history import History
 
-MOMENT_HELP = "seconds as in the log, +120 from the start, or a date like 2003-12-10T17:51:58Z"
+MOMENT_HELP = "seconds as in the log, +120 or +36h from the start, or a date like 2003-12-10T17:51:58Z"
 
 
 def show(

@@ -120,6 +120,13 @@ class TransformBuffer:
             way.append(before[way[-1]])
         return way[::-1]
 
+    def without_parents(self, frame: str) -> TransformBuffer:
+        """The same transforms, but for those that place a frame in another; for poses of it from elsewhere."""
+        rest = TransformBuffer()
+        rest._keep_ns, rest._extrapolate_ns, rest._max_gap_ns = self._keep_ns, self._extrapolate_ns, self._max_gap_ns
+        rest._tracks = {names: track for names, track in self._tracks.items() if names[1] != frame}
+        return rest
+
     def span_ns(self, fixed: str, frame: str) -> tuple[int, int] | None:
         """First and last moment at which the frame's pose is known, without extrapolation; None if it always is."""
         tracks = [track for track, _ in self._steps(fixed, frame) if not track.static]

@@ -9,6 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from tempog.errors import ConfigError, ScanError
+from tempog.ros.bag_files import ZSTD_MAGIC, files_of, kind_of, kind_of_file
+from tempog.scans.bag_frames import BagChoice
 from tempog.scans.carmen import GZIP_MAGIC, KNOWN_MESSAGES, LASERS, read_carmen
 from tempog.scans.npz import read_npz
 from tempog.scans.scan import ScanLog
@@ -17,18 +19,14 @@ HEAD_BYTES = 1 << 16  # enough for the first lines of any log
 CARMEN_HEADER = b"# message_name"  # the comment that CARMEN's logger writes first
 ZIP_MAGICS = (b"PK\x03\x04", b"PK\x05\x06")
 READABLE = (
-    "Readable are CARMEN logs (.log, .clf; plain or gzip) and .npz with the arrays t, x, y, theta, angles,"
-    " ranges, max_range."
+    "Readable are bags (.bag, .mcap, .db3, and folders of them), CARMEN logs (.log, .clf; plain or gzip) and .npz"
+    " with the arrays t, x, y, theta, angles, ranges, max_range."
 )
-CONVERT = "This version does not read it; convert its scans and poses to .npz, see tempog.scans.npz."
 UNREADABLE = {
-    b"#ROSBAG": ("a ROS 1 bag", CONVERT),
-    b"\x89MCAP": ("an MCAP file, as ROS 2 writes", CONVERT),
-    b"SQLite format 3": ("an SQLite file, perhaps a ROS 2 bag", CONVERT),
     b"\x93NUMPY": ("a single NumPy array (.npy)", "Save the named arrays together with numpy.savez."),
     b"BZh": ("a bzip2 file", "Unpack it first, or use gzip."),
     b"\xfd7zXZ": ("an xz file", "Unpack it first, or use gzip."),
-    b"\x28\xb5\x2f\xfd": ("a Zstandard file", "Unpack it first, or use gzip."),
+    b"\x28\xb5\x2f\xfd": ("a Zstandard file with something else than a bag in it", "Unpack it first, or use gzip."),
 }
 
 
@@ -39,6 +37,7 @@ def open_scans(
     skip_bad: bool = False,
     laser: str = "front",
     sensor_max_range: float | None = None,
+    bag: BagChoice | None = None,
 ) -> ScanLog:
     """Read a scan log of any known format, recognised by its content.
 
@@ -53,6 +52,8 @@ def open_scans(
         Which laser of a CARMEN log.
     sensor_max_range : float, metres, optional
         Overrides the sensor's maximum range that the log says or lets guess.
+    bag : BagChoice, optional
+        Topics and frames of a bag. Scans of several lasers come as one log, by time; `open_bag` keeps them apart.
 
     Returns
     -------
@@ -83,20 +84,34 @@ def open_scans(
     """
     if laser not in LASERS:
         raise ConfigError(f"laser = {laser!r} is unknown; wanted front or rear")
-    if _recognise(Path(path)) == "npz":
+    kind = recognise(Path(path))
+    if kind == "bag":
+        from tempog.scans.rosbag import merged, open_bag
+
+        log = merged(open_bag(path, bag, clock=clock, skip_bad=skip_bad, sensor_max_range=sensor_max_range))
+        return (
+            _with_note(log, f"laser = {laser} has no effect: a bag says which laser is which")
+            if laser != "front"
+            else log
+        )
+    if kind == "npz":
         log = read_npz(path, clock=clock, skip_bad=skip_bad, sensor_max_range=sensor_max_range)
         if laser != "front":
-            note = f"laser = {laser} has no effect: an .npz holds one laser"
-            log = replace(log, notes=(*log.notes, note))
+            log = _with_note(log, f"laser = {laser} has no effect: an .npz holds one laser")
         return log
     return read_carmen(path, clock=clock, skip_bad=skip_bad, laser=laser, sensor_max_range=sensor_max_range)
 
 
-def _recognise(path: Path) -> str:
-    """ "npz" or "carmen"; ScanError, saying what was seen, for anything else."""
+def _with_note(log: ScanLog, note: str) -> ScanLog:
+    return replace(log, notes=(*log.notes, note))
+
+
+def recognise(path: Path) -> str:
+    """ "npz", "carmen" or "bag"; ScanError, saying what was seen, for anything else."""
     try:
         if path.is_dir():
-            raise ScanError(f"{path} is a folder; wanted a file.\n  {READABLE} A ROS 2 bag: {CONVERT}")
+            files_of(path)  # says if there is no bag in it
+            return "bag"
         if path.exists() and not path.is_file():
             raise ScanError(f"{path} is a pipe or a device; wanted a file, which can be read twice")
         with path.open("rb") as file:
@@ -109,6 +124,8 @@ def _recognise(path: Path) -> str:
         raise ScanError(f"{path} is empty.\n  {READABLE}")
     if head.startswith(ZIP_MAGICS):
         return "npz"
+    if kind_of(head) or (head.startswith(ZSTD_MAGIC) and kind_of_file(path)):
+        return "bag"
     packed = head.startswith(GZIP_MAGIC)
     content = _unpacked(head) if packed else head
     for magic, (name, remedy) in UNREADABLE.items():

@@ -145,6 +145,8 @@ class ScanLog(Sequence[Scan]):
         What was mended, skipped or assumed on the way. Empty for a clean log.
     n_skipped : int
         Unusable lines that were left out.
+    files : tuple of str
+        Paths of the files, where `source` is not the path of one.
     """
 
     scans: list[Scan]
@@ -152,6 +154,7 @@ class ScanLog(Sequence[Scan]):
     format: str = ""
     notes: tuple[str, ...] = field(default=())
     n_skipped: int = 0
+    files: tuple[str, ...] = field(default=())
 
     @overload
     def __getitem__(self, index: int) -> Scan: ...

@@ -269,12 +269,20 @@ def source_of(log: ScanLog) -> dict[str, Any]:
     """What is kept of a log that was mapped."""
     return {
         "path": log.source,
-        "sha256": hash_file(log.source) if log.source else None,
+        "sha256": _hash_files(log),
         "format": log.format,
         "n_scans": len(log),
         "n_skipped": log.n_skipped,
         "notes": list(log.notes),
     }
+
+
+def _hash_files(log: ScanLog) -> str | None:
+    """Of the one file of a log, or of the hashes of its files one after the other."""
+    if not log.files:
+        return hash_file(log.source) if log.source else None
+    hashes = [hash_file(file) for file in log.files]
+    return hashes[0] if len(hashes) == 1 else hashlib.sha256("".join(hashes).encode()).hexdigest()
 
 
 def refuse_known(path: str | os.PathLike[str], sources: Iterable[dict[str, Any]], scans: Iterable[Scan]) -> None:

@@ -1,0 +1,93 @@
+"""Messages of a ROS 2 bag in an SQLite file (.db3), in the order of the file."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from tempog.ros.raw import MOST_UNPACKED_BYTES, RawMessage, Reading, Topic, Wanted, type_name, unpacked
+
+MAGIC = b"SQLite format 3\0"
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # no message begins so: CDR has a zero there
+MOST_BLOB_BYTES = 2**28  # SQLite takes 4 times that for granted where a file is damaged
+LEAST_ROW_BYTES = 4
+LANGUAGES = {"ros2msg": "msg", "ros2idl": "idl"}
+
+
+def read_sqlite(path: Path, wants: Wanted, reading: Reading) -> Iterator[RawMessage]:
+    """The messages of wanted topics; what is damaged is told to `reading`."""
+    size = path.stat().st_size
+    log = path.with_name(path.name + "-wal")
+    # A write-ahead log holds what the recorder wrote last; without one, nothing is to be made beside the file.
+    how = "mode=ro" if log.is_file() and log.stat().st_size else "mode=ro&immutable=1"
+    place = str(path.absolute()).replace("%", "%25").replace("?", "%3f").replace("#", "%23")
+    try:
+        with closing(sqlite3.connect(f"file:{place}?{how}", uri=True)) as database:
+            database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_BLOB_BYTES)
+            try:
+                database.execute("SELECT count(*) FROM topics").fetchone()
+            except sqlite3.DatabaseError as error:
+                reading.lose(f"SQLite says: {error}")
+                database.execute("PRAGMA writable_schema = ON")  # so it reads what there is of a file cut off
+            yield from _messages(database, size, wants, reading)
+    except (sqlite3.Error, UnicodeError, OverflowError) as error:
+        n_read = sum(reading.n_messages.values())
+        reading.lose(f"after {n_read} messages SQLite says: {error}", 0 if n_read else size)
+    reading.moved_on(size)
+
+
+def _messages(database: sqlite3.Connection, size: int, wants: Wanted, reading: Reading) -> Iterator[RawMessage]:
+    topics = {}
+    definitions = _definitions(database)
+    for number, name, msgtype, encoding in database.execute(
+        "SELECT id, name, type, serialization_format FROM topics"
+    ):
+        if not all(isinstance(text, str) for text in (name, msgtype, encoding)):
+            reading.lose(f"topic {number} has no name or type")
+            continue
+        topic = Topic(
+            name, type_name(msgtype), {"cdr": "ros2"}.get(encoding, encoding), *definitions.get(msgtype, ())
+        )
+        topics[number] = topic, wants(topic)
+        reading.announce(topic)
+    n_rows, n_bytes = 0, 0
+    for number, log_ns, data in database.execute("SELECT topic_id, timestamp, data FROM messages"):
+        n_rows += 1
+        if n_rows > size // LEAST_ROW_BYTES:
+            reading.lose(f"it claims more than {n_rows} messages, which it cannot hold")
+            return
+        known = topics.get(number)
+        if known is None or not isinstance(log_ns, int) or not isinstance(data, bytes):
+            reading.lose(f"message {n_rows} has no known topic, no time or no content")
+            continue
+        topic, wanted = known
+        reading.n_messages[topic] += 1
+        reading.last_ns = max(log_ns, reading.last_ns or log_ns)
+        n_bytes += len(data)
+        if n_rows % 64 == 0:
+            reading.moved_on(min(n_bytes, size))
+        if wanted:
+            if data.startswith(ZSTD_MAGIC):
+                try:
+                    data = _message_unpacked(data)
+                except Exception as error:  # of a packer that is given any bytes
+                    reading.lose(f"message {n_rows} cannot be unpacked: {error}", len(data))
+                    continue
+            yield RawMessage(topic, log_ns, data)
+
+
+def _message_unpacked(data: bytes) -> bytes:
+    return unpacked("zstd", data, MOST_UNPACKED_BYTES, whole=False)
+
+
+def _definitions(database: sqlite3.Connection) -> dict[str, tuple[str, str]]:
+    """Texts and languages of types' definitions; bags before ROS 2 Iron hold none."""
+    query = "SELECT topic_type, encoded_message_definition, encoding FROM message_definitions"
+    try:
+        rows: list[Any] = database.execute(query).fetchall()
+    except sqlite3.Error:
+        return {}
+    return {name: (text, LANGUAGES.get(language, "")) for name, text, language in rows if isinstance(text, str)}

@@ -29,6 +29,7 @@ STRING = "std_msgs/msg/String"
 
 NOT_IN_ROSBAGS = {TF_MESSAGE: "geometry_msgs/TransformStamped[] transforms"}  # as of its ROS 1 definitions
 MAX_SEC = {"ros1": 2**32 - 1, "ros2": 2**31 - 1}  # s; the types of the stamps
+MOST_SWEEP_S = 60.0  # s; a laser on a slow tilting mount takes some seconds
 UNKNOWN_CELL = -1  # of an OccupancyGrid
 
 
@@ -179,6 +180,8 @@ def sweep_of(message: Any) -> Sweep:
         ranges = np.where(ranges < message.range_min, np.float32(np.nan), ranges)
     ranges.flags.writeable = False
     increment_s = float(message.time_increment)
+    if MOST_SWEEP_S < increment_s * len(ranges) < math.inf:
+        raise MessageError(f"time_increment {increment_s:g} s makes a sweep of {increment_s * len(ranges):.3g} s")
     return Sweep(
         stamp_ns_of(message.header.stamp),
         frame_name(message.header.frame_id),
@@ -191,7 +194,8 @@ def sweep_of(message: Any) -> Sweep:
 
 @lru_cache(maxsize=32)  # lasers say the same thing with every sweep
 def _beam_angles(angle_min: float, increment: float, n_beams: int) -> NDArray[np.float64]:
-    angles: NDArray[np.float64] = angle_min + np.arange(n_beams, dtype=np.float64) * increment
+    with np.errstate(all="ignore"):
+        angles: NDArray[np.float64] = angle_min + np.arange(n_beams, dtype=np.float64) * increment
     if not np.isfinite(angles).all() or (n_beams > 1 and increment == 0):
         raise MessageError(f"angle_min {angle_min!r} and angle_increment {increment!r} make no {n_beams} beams")
     angles.flags.writeable = False

@@ -142,6 +142,31 @@ def track(text: str, scans: Sequence[Tracked]) -> Iterable[Tracked]:
 
 
 @contextmanager
+def track_bytes(text: str, wanted: bool) -> Iterator[Callable[[int, int], None] | None]:
+    """A progress bar for reading a file, where it is wanted: how much, how fast, time left.
+
+    What it gives is to be called with the bytes that are done, and with all there are.
+    """
+    if not wanted:
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        DownloadColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+        TransferSpeedColumn,
+    )
+
+    columns = (TextColumn(text), BarColumn(), DownloadColumn(), TransferSpeedColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(text, total=None)
+        yield lambda done, total: progress.update(task, completed=done, total=total)
+
+
+@contextmanager
 def status(text: str, wanted: bool) -> Iterator[Callable[[str], None]]:
     """A spinner with a text on standard error, where it is wanted; what it gives changes the text."""
     if not wanted:

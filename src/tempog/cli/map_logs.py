@@ -24,11 +24,13 @@ from tempog.cli._output import (
     print_json,
     print_note,
     status,
+    track_bytes,
     track_scans,
     wants_progress,
 )
 from tempog.config import DEFAULT_GAP, Evidence, GridConfig, MapConfig, NoReturn, SensingConfig, parse_gap
 from tempog.errors import ConfigError, ScanError
+from tempog.scans.bag_frames import BagChoice
 from tempog.times import NS_PER_S, parse_duration
 
 if TYPE_CHECKING:
@@ -36,13 +38,15 @@ if TYPE_CHECKING:
 
 MAP_SUFFIX = ".tempog"
 MAP_SETTINGS = ("resolution", "max_range", "gap", "tolerance", "evidence", "no_return", "max_cells")
-LOG_SUFFIXES = {".gz", ".log", ".clf", ".npz"}
+LOG_SUFFIXES = {".gz", ".log", ".clf", ".npz", ".bag", ".mcap", ".db3", ".zstd"}
+BAG_FLAGS = "--scan-topic, --fixed-frame, --base-frame, --pose-topic and --from-cloud"
 
 
 def map_logs(
     context: typer.Context,
     inputs: Annotated[
-        list[Path], typer.Argument(metavar="INPUT...", help="Laser logs: CARMEN (.log, .clf, .gz), .npz.")
+        list[Path],
+        typer.Argument(metavar="INPUT...", help="Laser logs: bags (.bag, .mcap, .db3, folders), CARMEN, .npz."),
     ],
     output: Annotated[
         Path | None,
@@ -69,6 +73,19 @@ def map_logs(
     sensor_max_range: Annotated[
         float | None, typer.Option(help="The sensor's maximum, metres; readings from there on are no returns.")
     ] = None,
+    scan_topic: Annotated[
+        list[str] | None, typer.Option(metavar="TOPIC", help="Bags: a laser to map; may be repeated. Default: all.")
+    ] = None,
+    fixed_frame: Annotated[
+        str, typer.Option(metavar="FRAME", help="Bags: the frame to map in. Default: map, else odom.")
+    ] = "",
+    base_frame: Annotated[str, typer.Option(metavar="FRAME", help="Bags: the robot's own frame.")] = "",
+    pose_topic: Annotated[
+        str, typer.Option(metavar="TOPIC", help="Bags: says where the robot was, in place of transforms.")
+    ] = "",
+    from_cloud: Annotated[
+        str, typer.Option(metavar="LOW:HIGH", help="Bags: make scans of a point cloud between heights, metres.")
+    ] = "",
     max_cells: Annotated[
         int, typer.Option(help="Bound on the map's bounding rectangle, against corrupt poses.")
     ] = GridConfig.max_cells,
@@ -105,10 +122,14 @@ def map_logs(
     for source in inputs:
         if (source / "map.json").is_file():
             raise ScanError(f"{source} is a map, not a log; look at it with: tempog show {source} -o map.png")
+    choice = BagChoice(
+        tuple(scan_topic or ()), fixed_frame, base_frame, pose_topic, parse_band(from_cloud) if from_cloud else None
+    )
     # These import Numba and pyarrow, which --help should not wait for.
     from tempog.analysis.pose_consistency import pose_consistency
     from tempog.pipeline import add_to_map
-    from tempog.scans.open import open_scans
+    from tempog.scans.open import open_scans, recognise
+    from tempog.scans.rosbag import open_bag
     from tempog.store.manifest import read_manifest
     from tempog.store.saved_map import check_target, new_map
 
@@ -118,11 +139,17 @@ def map_logs(
         check_target(path, force)
     progress = wants_progress(quiet or json)
     logs = []
+    bags = [source for source in inputs if recognise(source) == "bag"]
+    if choice != BagChoice() and not bags:
+        raise ConfigError(f"{BAG_FLAGS} are for bags, and {inputs[0]} is none; leave them out")
+    reading = {"clock": clock, "skip_bad": skip_bad, "sensor_max_range": sensor_max_range}
+    if bags:  # all are one recording, and share their transforms
+        with track_bytes(f"reading {bags[0]}", progress) as moved_on:
+            logs += open_bag(bags, choice, progress=moved_on, **reading)  # type: ignore[arg-type]
     for source in inputs:
-        with status(f"reading {source}", progress):
-            logs.append(
-                open_scans(source, clock=clock, skip_bad=skip_bad, laser=laser, sensor_max_range=sensor_max_range)
-            )
+        if source not in bags:
+            with status(f"reading {source}", progress):
+                logs.append(open_scans(source, laser=laser, **reading))  # type: ignore[arg-type]
     map_notes = overlaps(logs)
     if not quiet and not json:
         for log in logs:
@@ -171,7 +198,13 @@ def map_logs(
         "poses": poses.to_dict(),
         "notes": map_notes,
         "sources": [
-            {"path": log.source, "n_scans": len(log), "n_skipped": log.n_skipped, "notes": list(log.notes)}
+            {
+                "path": log.source,
+                "format": log.format,
+                "n_scans": len(log),
+                "n_skipped": log.n_skipped,
+                "notes": list(log.notes),
+            }
             for log in logs
         ],
     }
@@ -193,10 +226,25 @@ def default_map_path(log: Path) -> Path:
     >>> default_map_path(Path("logs/office.log.gz")).name
     'office.tempog'
     """
-    name = log
+    name = log if log.name else log.absolute()  # the folder that one is in
     while name.suffix.lower() in LOG_SUFFIXES:
         name = name.with_suffix("")
     return Path(name.name + MAP_SUFFIX)
+
+
+def parse_band(text: str) -> tuple[float, float]:
+    """Heights as they are typed.
+
+    >>> parse_band("0.2:0.4")
+    (0.2, 0.4)
+    """
+    low, found, high = text.partition(":")
+    try:
+        if found:
+            return float(low), float(high)
+    except ValueError:
+        pass
+    raise ConfigError(f"--from-cloud {text} is no band of heights; wanted LOW:HIGH in metres, as in 0.2:0.4")
 
 
 def overlaps(logs: Sequence[ScanLog]) -> list[str]:
@@ -211,7 +259,7 @@ def overlaps(logs: Sequence[ScanLog]) -> list[str]:
     ordered = sorted(logs, key=lambda log: log[0].stamp_ns)
     notes, latest = [], ordered[0]
     for log in ordered[1:]:
-        if log[0].stamp_ns <= latest[-1].stamp_ns:
+        if log[0].stamp_ns <= latest[-1].stamp_ns and log.source != latest.source:
             notes.append(f"{latest.source} and {log.source} overlap in time; their scans are merged by stamp")
         latest = max(latest, log, key=lambda log: log[-1].stamp_ns)
     return notes

@@ -62,10 +62,8 @@ class _McapFile:
                     break
                 yield from self._records(memoryview(RECORD.pack(opcode, length) + data), begin - RECORD.size, {})
             self.reading.moved_on(min(at, self.size))
-        if at > self.size:
-            self.reading.unfinished = "it ends in the middle of a record"
-        elif not self.reading.losses:
-            self.reading.unfinished = "its end is missing, as after a crash of the recorder"
+        if not self.reading.losses:
+            self.reading.unfinished = "it has no end, as after a crash of its recorder"
         self.reading.moved_on(self.size)
 
     def _head(self, at: int) -> tuple[int, int] | None:
@@ -82,8 +80,9 @@ class _McapFile:
             return None
         left = self.size - at - RECORD.size
         if length > left:
-            self.reading.lose(f"of the record at byte {at}, {length - left} of {length} bytes are missing", left)
-            if opcode != CHUNK:
+            what = f"it ends in the middle of the record at byte {at}, of which {length - left} bytes are missing"
+            self.reading.lose(what, 0 if opcode == CHUNK else left)
+            if opcode != CHUNK:  # of which the beginning may be of use
                 return None
         return opcode, length
 

@@ -53,9 +53,7 @@ class _Ros1File:
                 self.reading.lose(f"the record at byte {start} cannot be read: {error}", length)
             self.reading.moved_on(min(at, self.size))
         if not indexed:
-            self.reading.unfinished = "it has no index, as after a crash of the recorder (rosbag reindex makes one)"
-        elif at > self.size:
-            self.reading.unfinished = "it ends in the middle of a record"
+            self.reading.unfinished = "it has no index, as after a crash of its recorder (rosbag reindex makes one)"
         self.reading.moved_on(self.size)
 
     def _record(self, at: int) -> tuple[dict[bytes, bytes], int, int] | None:
@@ -77,7 +75,8 @@ class _Ros1File:
         begin = at + 8 + n_header
         if begin + length > self.size:
             left = self.size - begin
-            self.reading.lose(f"of the record at byte {at}, {length - left} of {length} bytes are missing", left)
+            what = f"it ends in the middle of the record at byte {at}, of which {length - left} bytes are missing"
+            self.reading.lose(what, 0 if header[b"op"] == bytes([CHUNK]) else left)
         return header, begin, length
 
     def _indexed(self, at: int) -> tuple[dict[int, int], int]:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from tempog.errors import MessageError, ScanError, TransformError
-from tempog.ros.bag_files import bytes_of, files_of, kind_of_file, read_messages
+from tempog.ros.bag_files import METADATA, bytes_of, files_of, kind_of_file, read_messages
 from tempog.ros.messages import (
     LASER_SCAN,
     ODOMETRY,
@@ -32,6 +32,7 @@ from tempog.ros.raw import RawMessage, Reading, Topic
 from tempog.ros.topic_codec import codec_of
 from tempog.ros.transforms import TransformBuffer
 from tempog.scans.scan import MAX_ANGLE_RAD, BadRows
+from tempog.times import NS_PER_S
 
 TRANSFORM_TYPES = (TF_MESSAGE, OLD_TF_MESSAGE)
 POSE_TYPES = (ODOMETRY, POSE_WITH_COVARIANCE, POSE)
@@ -49,9 +50,11 @@ class Recording:
         Its name in messages.
     files : list of (Path, kind)
     bad : BadRows
-        Messages and parts that cannot be used.
+        Messages that cannot be used.
     n_messages : Counter of Topic
     notes : list of str
+    n_losses : int
+        Parts of files that cannot be read.
     """
 
     source: str
@@ -60,6 +63,7 @@ class Recording:
     n_messages: Counter[Topic] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
     progress: Progress | None = None
+    n_losses: int = 0
     _codecs: dict[Topic, Codec | MessageError] = field(default_factory=dict)
     _was_read: bool = False
 
@@ -91,7 +95,7 @@ class Recording:
     def messages(self, wants: Callable[[Topic], bool]) -> Iterator[tuple[str, RawMessage, Any]]:
         """Label, bytes and decoded message of all wanted ones that can be decoded.
 
-        The first time through, what is lost in the files is told to `bad`.
+        The first time through, what is lost in the files is noted, or raised.
         """
         first, self._was_read = not self._was_read, True
         total, done = bytes_of([file for file, _ in self.files]), 0
@@ -127,16 +131,23 @@ class Recording:
         return codec
 
     def _tell(self, file: Path, reading: Reading) -> None:
-        until = "" if reading.last_ns is None else f"; its last readable message is of {reading.last_ns / 1e9:.3f} s"
+        """Note that a recorder did not end properly; and what is lost, or raise for that."""
         count = sum(reading.n_messages.values())
-        for loss in reading.losses[:-1]:
-            self.bad.add(file.name, loss)
-        if reading.losses:
-            lost = f", so {reading.lost_bytes} bytes are lost" if reading.lost_bytes else ""
-            loss = reading.losses[-1] + lost
-            self.bad.add(file.name, f"{loss}; {count} messages can be read{until}")
+        n_scans = sum(n for topic, n in reading.n_messages.items() if topic.msgtype in (LASER_SCAN, POINT_CLOUD))
+        until = "" if reading.last_ns is None else f", the last of {reading.last_ns / NS_PER_S:.3f} s"
+        readable = f"{count} messages can be read, {n_scans} of them scans{until}"
+        name = "" if len(self.files) == 1 else f"{file.name}: "
         if reading.unfinished:
-            self.notes.append(f"{file.name}: {reading.unfinished}; {count} messages could be read{until}")
+            self.notes.append(f"{name}{reading.unfinished}; {readable}")
+        if not reading.losses:
+            return
+        more = f", and {len(reading.losses) - 1} more parts" if len(reading.losses) > 1 else ""
+        lost = f", which loses {reading.lost_bytes} bytes" if reading.lost_bytes else ""
+        what = f"{name}damaged: {reading.losses[0]}{more}{lost}; {readable}"
+        if not self.bad.skip_bad:
+            raise ScanError(f"{self.source}, {what}.\n  Use --skip-bad to map what is intact.")
+        self.notes.append(what)
+        self.n_losses += len(reading.losses)
 
 
 def _any_topic(topic: Topic) -> bool:
@@ -169,7 +180,7 @@ def open_recording(
                 raise
             raise ScanError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from error
         for name in missing:
-            bad.add(name, f"{path / 'metadata.yaml'} names this file, but it is not there")
+            bad.add(name, f"{path / METADATA} names this file, but it is not there")
     if not files:
         raise ScanError("no bags were given; wanted at least one")
     files = list(dict.fromkeys(files))

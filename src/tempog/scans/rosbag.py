@@ -28,6 +28,7 @@ from tempog.scans.clouds import BEAM_DEG, frame_of, sweep_of_cloud
 from tempog.scans.laser_geometry import check_sensor_max_range
 from tempog.scans.scan import Scan, ScanLog
 from tempog.scans.sweep import scans_of
+from tempog.times import NS_PER_S
 
 
 def open_bag(
@@ -131,7 +132,7 @@ def _noted(recording: Recording, notes: list[str], logs: list[ScanLog]) -> list[
     first = logs[0]
     files = tuple(str(file) for file, _ in recording.files)
     said = tuple(dict.fromkeys((*recording.bad.notes(), *recording.notes, *notes, *first.notes)))
-    logs = [replace(first, notes=said, n_skipped=first.n_skipped + recording.bad.n), *logs[1:]]
+    logs = [replace(first, notes=said, n_skipped=first.n_skipped + recording.bad.n + recording.n_losses), *logs[1:]]
     return [replace(log, source=recording.source, files=files) for log in logs]
 
 
@@ -199,7 +200,7 @@ def _why_without(without: list[Sweep], laser: Laser, placement: Placement) -> st
 
 
 def _remedy(laser: Laser, placement: Placement, n_without: int, n_scans: int) -> str:
-    first_s, last_s = (int(stamp) / 1e9 for stamp in (laser.stamps_ns.min(), laser.stamps_ns.max()))
+    first_s, last_s = (int(stamp) / NS_PER_S for stamp in (laser.stamps_ns.min(), laser.stamps_ns.max()))
     if n_without == n_scans:
         return (
             f"The scans are from {first_s:.3f} to {last_s:.3f} s. Do both use the same clock? Use another"

@@ -114,10 +114,11 @@ def unpacked(how: str, packed: memoryview | bytes, size: int, whole: bool) -> by
         return bytes(packed)
     if how == "bz2":
         stream: Any = bz2.BZ2File(io.BytesIO(packed))
-    elif how == "lz4":
-        stream = need("lz4.frame", "bags").LZ4FrameFile(io.BytesIO(packed))
     elif how == "zstd":
         stream = need("zstandard", "bags").ZstdDecompressor().stream_reader(packed)
+    elif how == "lz4":
+        data: bytes = need("lz4.frame", "bags").LZ4FrameDecompressor().decompress(packed, max_length=size)
+        stream = io.BytesIO(data)
     else:
         raise ValueError(f"it is packed as {how[:20]!r}; known are zstd, lz4 and bz2")
     parts: list[bytes] = []

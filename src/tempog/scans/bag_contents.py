@@ -53,8 +53,8 @@ class Recording:
         Messages that cannot be used.
     n_messages : Counter of Topic
     notes : list of str
-    n_losses : int
-        Parts of files that cannot be read.
+    losses : list of str
+        What of each file cannot be read; `n_losses` parts in all.
     """
 
     source: str
@@ -63,6 +63,8 @@ class Recording:
     n_messages: Counter[Topic] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
     progress: Progress | None = None
+    skip_bad: bool = False
+    losses: list[str] = field(default_factory=list)
     n_losses: int = 0
     _codecs: dict[Topic, Codec | MessageError] = field(default_factory=dict)
     _was_read: bool = False
@@ -95,7 +97,7 @@ class Recording:
     def messages(self, wants: Callable[[Topic], bool]) -> Iterator[tuple[str, RawMessage, Any]]:
         """Label, bytes and decoded message of all wanted ones that can be decoded.
 
-        The first time through, what is lost in the files is noted, or raised.
+        The first time through, what is lost and what is broken is noted.
         """
         first, self._was_read = not self._was_read, True
         total, done = bytes_of([file for file, _ in self.files]), 0
@@ -131,7 +133,7 @@ class Recording:
         return codec
 
     def _tell(self, file: Path, reading: Reading) -> None:
-        """Note that a recorder did not end properly; and what is lost, or raise for that."""
+        """Note that a recorder did not end properly, and what is lost."""
         count = sum(reading.n_messages.values())
         n_scans = sum(n for topic, n in reading.n_messages.items() if topic.msgtype in (LASER_SCAN, POINT_CLOUD))
         until = "" if reading.last_ns is None else f", the last of {reading.last_ns / NS_PER_S:.3f} s"
@@ -143,11 +145,23 @@ class Recording:
             return
         more = f", and {len(reading.losses) - 1} more parts" if len(reading.losses) > 1 else ""
         lost = f", which loses {reading.lost_bytes} bytes" if reading.lost_bytes else ""
-        what = f"{name}damaged: {reading.losses[0]}{more}{lost}; {readable}"
-        if not self.bad.skip_bad:
-            raise ScanError(f"{self.source}, {what}.\n  Use --skip-bad to map what is intact.")
-        self.notes.append(what)
+        self.losses.append(f"{name}damaged: {reading.losses[0]}{more}{lost}; {readable}")
         self.n_losses += len(reading.losses)
+
+    def check(self) -> None:
+        """Raise ScanError if something is damaged or cannot be used, unless that is to be skipped."""
+        if self.skip_bad:
+            return
+        if self.losses:
+            raise ScanError(f"{self.source}, {self.losses[0]}.\n  Use --skip-bad to map what is intact.")
+        for note in self.bad.notes():
+            raise ScanError(
+                f"{self.source}: {note.removeprefix('skipped ')}.\n  Use --skip-bad to leave such data out."
+            )
+
+    def all_notes(self) -> list[str]:
+        """What is damaged, what was skipped, and what else there is to say of the files."""
+        return [*self.losses, *self.bad.notes(), *self.notes]
 
 
 def _any_topic(topic: Topic) -> bool:
@@ -165,7 +179,7 @@ def open_recording(
     """The files behind some paths, as one recording; ScanError if one is no bag, or cannot be read."""
     places = [Path(path) for path in paths]
     source = " + ".join(str(path) for path in places)
-    bad = BadRows(source, skip_bad)
+    bad = BadRows(source, skip_bad=True)  # all of it is to be heard of first
     files: list[tuple[Path, str]] = []
     for path in places:
         try:
@@ -186,7 +200,7 @@ def open_recording(
     files = list(dict.fromkeys(files))
     if len(files) > 1:
         files.sort(key=lambda file: _start_ns(*file))
-    return Recording(source, files, bad, progress=progress)
+    return Recording(source, files, bad, progress=progress, skip_bad=skip_bad)
 
 
 def _start_ns(file: Path, kind: str) -> int:

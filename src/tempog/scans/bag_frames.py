@@ -181,7 +181,7 @@ def _step_rad(laser: Laser) -> float:
 
 
 def _no_scans(recording: Recording) -> str:
-    skipped = "".join(f"\n  {note}." for note in recording.bad.notes())
+    skipped = "".join(f"\n  {note}." for note in recording.all_notes())
     clouds = recording.topics(POINT_CLOUD)
     remedy = "Is the laser in another file of the same recording? Name them all, or their folder."
     if any(clouds.values()):

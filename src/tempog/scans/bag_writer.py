@@ -208,7 +208,9 @@ def write_bag(
         for message in static_messages(bag.codec, list(lasers), frames, start_ns):
             bag.write(message)
         poses = {one.stamp_ns: _base_pose(one, mount) for mount, laser in lasers.items() for one in laser}
-        streams = [(_sweep_message(one, bag.codec, mount) for one in laser) for mount, laser in lasers.items()]
+        streams = [
+            map(partial(_sweep_message, codec=bag.codec, mount=mount), laser) for mount, laser in lasers.items()
+        ]
         for message in merge(_moving(bag.codec, frames, sorted(poses.items())), *streams, key=_sent_at):
             bag.write(message)
 
@@ -386,6 +388,9 @@ def _ros1(path: Path, compression: Compression, codec: Codec) -> Iterator[BagWri
     writer = need("rosbags.rosbag1", "bags").Writer(path)
     if compression != "none":
         writer.set_compression(writer.CompressionFormat[compression.upper()])
+    if compression == "lz4":  # ROS 1 itself reads no blocks that lean on each other, as rosbags writes them
+        pack = need("lz4.frame", "bags").compress
+        writer.compressor = partial(pack, block_linked=False, content_checksum=True, store_size=False)
     with writer:
         yield _RosbagsWriter(writer, codec)
 

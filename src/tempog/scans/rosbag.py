@@ -97,6 +97,7 @@ def open_bag(
     contents = read_contents(
         recording, lambda topic: choice.from_cloud is None and (not wanted or topic.name in wanted)
     )
+    recording.check()
     try:
         if choice.from_cloud is not None:
             lasers, notes = _flattened(recording, contents, choice, choice.from_cloud)
@@ -105,6 +106,7 @@ def open_bag(
         if sensor_max_range is not None:
             lasers = [_limited(laser, float(sensor_max_range)) for laser in lasers]
         placement = place(recording, contents.buffer, lasers, choice)
+        recording.check()
         logs = [_log(recording, laser, placement, policy, skip_bad) for laser in lasers]
     except (TransformError, MessageError) as error:
         text = str(error)
@@ -131,7 +133,7 @@ def _noted(recording: Recording, notes: list[str], logs: list[ScanLog]) -> list[
     """Logs with what is to be said of the whole recording, in the first."""
     first = logs[0]
     files = tuple(str(file) for file, _ in recording.files)
-    said = tuple(dict.fromkeys((*recording.bad.notes(), *recording.notes, *notes, *first.notes)))
+    said = tuple(dict.fromkeys((*recording.all_notes(), *notes, *first.notes)))
     logs = [replace(first, notes=said, n_skipped=first.n_skipped + recording.bad.n + recording.n_losses), *logs[1:]]
     return [replace(log, source=recording.source, files=files) for log in logs]
 
@@ -236,7 +238,9 @@ def _flattened(
         except TempogError as error:
             recording.bad.add(label, str(error))
     if not sweeps:
-        raise ScanError(f"{recording.source}: topic {names[0]} has no usable cloud; {''.join(recording.bad.notes())}")
+        raise ScanError(
+            f"{recording.source}: topic {names[0]} has no usable cloud; {'; '.join(recording.all_notes())}"
+        )
     notes = [
         f"scans are the nearest points of {names[0]} from {band_m[0]:g} to {band_m[1]:g} m above {flat.base}, one for"
         f" every {BEAM_DEG:g} degrees; beams without a point say nothing",

@@ -275,7 +275,7 @@ def test_choices_that_contradict_each_other(bag):
 
 
 def cloud_messages(topic="/points", height_m=1.0, frame="lidar"):
-    """Points on the walls at three heights above the floor, seen from a lidar at `height_m` over the laser's place."""
+    """Points on the walls, and before them at other heights, seen from a lidar `height_m` above the ground."""
     messages = []
     for scan in SCANS:
         x, y = scan.ranges * np.cos(scan.angles), scan.ranges * np.sin(scan.angles)

@@ -68,11 +68,12 @@ class _McapFile:
 
     def _head(self, at: int) -> tuple[int, int] | None:
         """Kind and length of the record at a place; None, perhaps with a loss, where there is none."""
+        if at >= self.size:
+            return None
         self.file.seek(at)
         head = self.file.read(RECORD.size)
         if len(head) < RECORD.size:
-            if head:
-                self.reading.lose(f"it ends in the middle of a record, at byte {at}", len(head))
+            self.reading.lose(f"it ends in the middle of a record, at byte {at}", len(head))
             return None
         opcode, length = RECORD.unpack(head)
         if not HEADER <= opcode <= LAST_OPCODE and not opcode >= 0x80:

@@ -106,7 +106,7 @@ class Recording:
             reading = Reading()
             if self.progress is not None:
                 reading.moved_on = _moved_on(self.progress, done, total)
-            for one in read_messages(file, kind, wants, reading):
+            for one in _told(read_messages(file, kind, wants, reading), file):
                 counts[one.topic.name] += 1
                 label = f"{one.topic.name} message {counts[one.topic.name]}"
                 try:
@@ -164,6 +164,14 @@ class Recording:
         return [*self.losses, *self.bad.notes(), *self.notes]
 
 
+def _told(messages: Iterable[RawMessage], file: Path) -> Iterator[RawMessage]:
+    """The same messages; ScanError where the disk, not the file, is at fault."""
+    try:
+        yield from messages
+    except OSError as error:
+        raise ScanError(f"cannot read {file}: {error.strerror or error}") from error
+
+
 def _any_topic(topic: Topic) -> bool:
     del topic
     return True
@@ -206,7 +214,7 @@ def open_recording(
 def _start_ns(file: Path, kind: str) -> int:
     """When the first message of a file was recorded, or 0 if there is none."""
     with closing(read_messages(file, kind, _any_topic, Reading())) as messages:
-        return next((one.log_ns for one in messages), 0)
+        return next((one.log_ns for one in _told(messages, file)), 0)
 
 
 @dataclass

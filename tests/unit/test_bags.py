@@ -239,7 +239,7 @@ def test_a_chunk_with_a_wrong_checksum_is_lost_alone(tmp_path):
     content = bytearray((tmp_path / "run.mcap").read_bytes())
     content[len(content) // 2] ^= 1
     (tmp_path / "run.mcap").write_bytes(content)
-    with pytest.raises(ScanError, match=r"the chunk at byte [0-9]+ cannot be read: its checksum is wrong"):
+    with pytest.raises(ScanError, match=r"the chunk at byte [0-9]+ cannot be read: crc validation failed"):
         open_scans(tmp_path / "run.mcap")
     log = open_scans(tmp_path / "run.mcap", skip_bad=True)
     assert 40 < len(log) < 60
@@ -274,7 +274,7 @@ def test_what_is_intact_of_a_cut_ros_1_bag_is_used_when_asked_for(tmp_path):
 
 def test_an_old_ros_1_bag_is_refused(tmp_path):
     (tmp_path / "run.bag").write_bytes(b"#ROSBAG V1.2\n" + bytes(100))
-    with pytest.raises(ScanError, match=r"not of version 2\.0"):
+    with pytest.raises(ScanError, match="Bag version 102 is not supported"):
         open_scans(tmp_path / "run.bag")
 
 

@@ -10,16 +10,9 @@ from pathlib import Path
 
 from tempog._extras import need
 from tempog.errors import ScanError
-from tempog.ros import mcap_file, ros1_file, sqlite_file
-from tempog.ros.raw import RawMessage, Reading, Wanted
+from tempog.ros.bag_readers import MAGICS, read_bag
+from tempog.ros.raw import ZSTD_MAGIC, RawMessage, Reading, Wanted
 
-MAGICS = {mcap_file.MAGIC: "MCAP", ros1_file.MAGIC: "ROS 1 bag", sqlite_file.MAGIC: "ROS 2 bag (SQLite)"}
-READERS = {
-    "MCAP": mcap_file.read_mcap,
-    "ROS 1 bag": ros1_file.read_ros1,
-    "ROS 2 bag (SQLite)": sqlite_file.read_sqlite,
-}
-ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 HEAD_BYTES = 16
 BLOCK_BYTES = 1 << 20
 METADATA = "metadata.yaml"
@@ -94,7 +87,7 @@ def _listed(metadata: Path) -> list[str] | None:
 def read_messages(path: Path, kind: str, wants: Wanted, reading: Reading) -> Generator[RawMessage, None, None]:
     """Messages of wanted topics in the order of the file; what is damaged is told to `reading`."""
     with _unpacked_file(path, reading) as file:
-        yield from READERS[kind](file, wants, reading)
+        yield from read_bag(file, kind, wants, reading)
 
 
 @contextmanager

@@ -6,12 +6,15 @@ import bz2
 import io
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from tempog._extras import need
 from tempog.ros.messages import RosVersion
 
+BLOCK_BYTES = 1 << 16
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # no message begins so: CDR has a zero there
 MOST_UNPACKED_BYTES = 2**31  # of one chunk or message; recorders make chunks of a few MB
 
 
@@ -99,37 +102,24 @@ def type_name(text: str) -> str:
     return text if "/" in name or not name else f"{package}/msg/{name}"
 
 
-def unpacked(how: str, packed: memoryview | bytes, size: int, whole: bool) -> bytes:
-    """What was packed; of something cut off, as much as there is.
+def unpacked(packed: bytes) -> bytes:
+    """What was packed by Zstandard, as recorders of ROS 2 can do with single messages; raises if it is damaged."""
+    stream = need("zstandard", "bags").ZstdDecompressor().stream_reader(packed)
+    return b"".join(iter(lambda: stream.read(BLOCK_BYTES), b""))
 
-    Parameters
-    ----------
-    how : "", "none", "zstd", "lz4" or "bz2"
-    size : int
-        How many bytes there should be.
-    whole : bool
-        Raise if there are fewer.
-    """
-    if how in ("", "none"):
-        return bytes(packed)
+
+def unpacked_as_far(how: str, packed: bytes) -> bytes:
+    """What was packed as "zstd", "lz4", "bz2", or not at all, as far as it goes before it is cut off or damaged."""
     if how == "bz2":
         stream: Any = bz2.BZ2File(io.BytesIO(packed))
     elif how == "zstd":
         stream = need("zstandard", "bags").ZstdDecompressor().stream_reader(packed)
     elif how == "lz4":
-        data: bytes = need("lz4.frame", "bags").LZ4FrameDecompressor().decompress(packed, max_length=size)
-        stream = io.BytesIO(data)
+        stream = need("lz4.frame", "bags").LZ4FrameFile(io.BytesIO(packed))
     else:
-        raise ValueError(f"it is packed as {how[:20]!r}; known are zstd, lz4 and bz2")
+        return packed
     parts: list[bytes] = []
-    n_left = size
-    try:
-        while n_left > 0 and (part := stream.read(min(n_left, 1 << 20))):
+    with suppress(Exception):  # the damage, in the words of any of these
+        while len(parts) < MOST_UNPACKED_BYTES // BLOCK_BYTES and (part := stream.read1(BLOCK_BYTES)):
             parts.append(part)
-            n_left -= len(part)
-    except Exception:
-        if whole:
-            raise
-    if whole and n_left:
-        raise ValueError(f"{n_left} of {size} bytes are missing in it")
     return b"".join(parts)

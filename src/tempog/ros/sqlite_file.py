@@ -1,4 +1,8 @@
-"""Messages of a ROS 2 bag in an SQLite file (.db3), in the order of the file."""
+"""Messages of a ROS 2 bag in an SQLite file (.db3), in the order of the file.
+
+Read by Python's own sqlite3: rosbags opens databases as immutable, and so misses what a recorder that crashed has
+left in their write-ahead logs; and it reads nothing of one that was cut off.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +12,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from tempog.ros.raw import MOST_UNPACKED_BYTES, RawMessage, Reading, Topic, Wanted, type_name, unpacked
+from tempog.ros.raw import ZSTD_MAGIC, RawMessage, Reading, Topic, Wanted, type_name, unpacked
 
-MAGIC = b"SQLite format 3\0"
-ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # no message begins so: CDR has a zero there
 MOST_BLOB_BYTES = 2**28  # SQLite takes 4 times that for granted where a file is damaged
 LEAST_ROW_BYTES = 4
 LANGUAGES = {"ros2msg": "msg", "ros2idl": "idl"}
@@ -72,15 +74,11 @@ def _messages(database: sqlite3.Connection, size: int, wants: Wanted, reading: R
         if wanted:
             if data.startswith(ZSTD_MAGIC):
                 try:
-                    data = _message_unpacked(data)
+                    data = unpacked(data)
                 except Exception as error:  # of a packer that is given any bytes
                     reading.lose(f"message {n_rows} cannot be unpacked: {error}", len(data))
                     continue
             yield RawMessage(topic, log_ns, data)
-
-
-def _message_unpacked(data: bytes) -> bytes:
-    return unpacked("zstd", data, MOST_UNPACKED_BYTES, whole=False)
 
 
 def _definitions(database: sqlite3.Connection) -> dict[str, tuple[str, str]]:

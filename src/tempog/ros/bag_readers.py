@@ -1,0 +1,206 @@
+"""Messages of a bag file: MCAP through mcap, ROS 1 through rosbags; of damaged ones, what is intact."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Generator, Iterable
+from contextlib import closing, suppress
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from tempog._extras import need
+from tempog.ros.raw import (
+    MOST_UNPACKED_BYTES,
+    ZSTD_MAGIC,
+    RawMessage,
+    Reading,
+    Topic,
+    Wanted,
+    type_name,
+    unpacked,
+    unpacked_as_far,
+)
+from tempog.ros.sqlite_file import read_sqlite
+
+MCAP, ROS1, ROS2 = "MCAP", "ROS 1 bag", "ROS 2 bag (SQLite)"
+MAGICS = {b"\x89MCAP": MCAP, b"#ROSBAG V": ROS1, b"SQLite format 3\0": ROS2}
+MCAP_LANGUAGES = {"ros2msg": "msg", "ros1msg": "msg", "ros2idl": "idl"}
+ENCODINGS = {"cdr": "ros2"}  # ros1 is called so everywhere
+NO_INDEX = "it has no index, as after a crash of its recorder (rosbag reindex makes one)"
+MOST_NS = 2**63 - 1
+MESSAGES_PER_NEWS = 64
+RECORD_HEAD_BYTES = 9  # of MCAP: kind and length
+
+Messages = Generator[RawMessage, None, None]
+
+
+def read_bag(path: Path, kind: str, wants: Wanted, reading: Reading) -> Messages:
+    """Messages of wanted topics, in the order of the file or of recording; what is damaged is told to `reading`.
+
+    Libraries are given any bytes here, and raise anything: all of that is damage.
+    """
+    readers = {MCAP: _mcap, ROS1: _ros1, ROS2: read_sqlite}
+    yield from readers[kind](path, wants, reading)
+    reading.moved_on(path.stat().st_size)
+
+
+def _ros1(path: Path, wants: Wanted, reading: Reading) -> Messages:
+    """A ROS 1 bag by its index; without one, record by record."""
+    size = path.stat().st_size
+    reader = need("rosbags.rosbag1", "bags").Reader(path)
+    try:
+        reader.open()
+    except Exception as error:
+        if "not supported" in str(error):
+            reading.lose(_said(error), size)
+            return
+        with path.open("rb") as file:
+            yield from _unindexed(file, size, wants, reading)
+        if not reading.losses:
+            reading.unfinished = NO_INDEX
+        return
+    try:
+        with closing(reader):
+            topics = {one.id: _topic_of(one) for one in reader.connections}
+            wanted = [one for one in reader.connections if wants(topics[one.id])]
+            for one in reader.connections:
+                reading.n_messages[topics[one.id]] += 0 if one in wanted else one.msgcount
+            n_all = max(1, sum(one.msgcount for one in wanted))
+            for k, (one, log_ns, raw) in enumerate(reader.messages(wanted) if wanted else ()):  # none would mean all
+                if k % MESSAGES_PER_NEWS == 0:
+                    reading.moved_on(min(size, size * k // n_all))
+                yield from _message(topics[one.id], True, log_ns, raw, reading)
+    except Exception as error:
+        reading.lose(f"after {sum(reading.n_messages.values())} messages: {_said(error)}")
+
+
+def _unindexed(file: BinaryIO, size: int, wants: Wanted, reading: Reading) -> Messages:
+    """A ROS 1 bag record by record."""
+    parts = need("rosbags.rosbag1.reader", "bags")
+    kinds, topics = parts.RecordType, dict[int, tuple[Topic, bool]]()
+
+    def records(stream: BinaryIO, end: int) -> Generator[tuple[Any, bytes], None, None]:
+        while (at := stream.tell()) < end:
+            try:
+                header = parts.Header.read(stream)
+                length = parts.read_uint32(stream)
+            except Exception as error:
+                reading.lose(f"it ends in the middle of the record at byte {at}: {_said(error)}", end - at)
+                return
+            left = end - stream.tell()
+            if length > left:
+                reading.lose(f"it ends in the middle of the record at byte {at}", left)
+            if length <= left or header.get("op") == bytes([kinds.CHUNK]):
+                yield header, stream.read(min(length, left))
+
+    def take(found: Iterable[tuple[Any, bytes]]) -> Messages:
+        for header, data in found:
+            reading.moved_on(min(size, file.tell()))
+            try:
+                kind = header.get_uint8("op")
+                if kind == kinds.CHUNK:
+                    content = unpacked_as_far(header.get_string("compression"), data)
+                    yield from take(records(io.BytesIO(content), len(content)))
+                elif kind == kinds.CONNECTION:
+                    said = parts.Header.read(io.BytesIO(len(data).to_bytes(4, "little") + data))
+                    text, name = said.get_string("message_definition"), type_name(said.get_string("type"))
+                    topic = Topic(header.get_string("topic"), name, "ros1", text, "msg")
+                    topics[header.get_uint32("conn")] = topic, wants(topic)
+                    reading.announce(topic)
+                elif kind == kinds.MSGDATA:
+                    topic, wanted = topics[header.get_uint32("conn")]
+                    yield from _message(topic, wanted, header.get_time("time"), data, reading)
+            except Exception as error:
+                reading.lose(f"the record before byte {file.tell()} cannot be read: {_said(error)}", len(data))
+
+    file.readline()  # the version
+    yield from take(records(file, size))
+
+
+def _mcap(path: Path, wants: Wanted, reading: Reading) -> Messages:
+    """An MCAP file, record by record and chunk by chunk: one that was cut off is read until there."""
+    stream_reader, records = need("mcap.stream_reader", "bags"), need("mcap.records", "bags")
+    size, schemas, topics = path.stat().st_size, dict[int, Any](), dict[int, tuple[Topic, bool]]()
+
+    def take(found: Iterable[Any]) -> Messages:
+        for record in found:
+            if isinstance(record, records.Schema):
+                schemas[record.id] = record
+            elif isinstance(record, records.Channel):
+                topic = _topic_of_channel(record, schemas.get(record.schema_id))
+                topics[record.id] = topic, wants(topic)
+                reading.announce(topic)
+            elif isinstance(record, records.Message):
+                if record.channel_id not in topics or record.log_time > MOST_NS:
+                    reading.lose("a message is of no known channel, or of no usable time", len(record.data))
+                else:
+                    yield from _message(*topics[record.channel_id], record.log_time, record.data, reading)
+
+    with path.open("rb") as file:
+        stream = iter(
+            stream_reader.StreamReader(file, emit_chunks=True, record_size_limit=MOST_UNPACKED_BYTES).records
+        )
+        while True:
+            at = file.tell()
+            reading.moved_on(at)
+            try:
+                record = next(stream)
+            except Exception as error:
+                if at == size:
+                    reading.unfinished = "it has no end, as after a crash of its recorder"
+                    return
+                reading.lose(f"it ends in the middle of the record at byte {at}: {_said(error)}", size - at)
+                yield from take(_of_cut_chunk(file, at))
+                return
+            if isinstance(record, records.DataEnd):  # behind it is only what was there before
+                return
+            found: Iterable[Any] = [record]
+            if isinstance(record, records.Chunk):
+                try:
+                    if record.uncompressed_size > MOST_UNPACKED_BYTES:
+                        raise ValueError(f"it should hold {record.uncompressed_size} bytes")
+                    found = stream_reader.breakup_chunk(record, validate_crc=True)
+                except Exception as error:
+                    reading.lose(f"the chunk at byte {at} cannot be read: {_said(error)}", file.tell() - at)
+                    continue
+            yield from take(found)
+
+
+def _of_cut_chunk(file: BinaryIO, at: int) -> Generator[Any, None, None]:
+    """Records at the beginning of the last one in an MCAP file, if that is a chunk, which was cut off."""
+    stream_reader, records = need("mcap.stream_reader", "bags"), need("mcap.records", "bags")
+    file.seek(at)
+    with suppress(Exception):  # of whatever is no chunk, and where it ends
+        if file.read(RECORD_HEAD_BYTES)[0] == need("mcap.opcode", "bags").Opcode.CHUNK:
+            chunk = records.Chunk.read(need("mcap.data_stream", "bags").ReadDataStream(file))
+            content = io.BytesIO(unpacked_as_far(chunk.compression, chunk.data))
+            yield from stream_reader.StreamReader(content, skip_magic=True).records
+
+
+def _message(topic: Topic, wanted: bool, log_ns: int, raw: bytes, reading: Reading) -> Messages:
+    reading.n_messages[topic] += 1
+    reading.last_ns = max(log_ns, reading.last_ns or log_ns)
+    if wanted:
+        if raw[:4] == ZSTD_MAGIC:
+            raw = unpacked(raw)
+        yield RawMessage(topic, log_ns, raw)
+
+
+def _topic_of(connection: Any) -> Topic:
+    language = connection.msgdef.format.name.lower()
+    known = language if language in ("msg", "idl") else ""
+    encoding = getattr(connection.ext, "serialization_format", "ros1")
+    definition = connection.msgdef.data if known else ""
+    name = type_name(connection.msgtype)
+    return Topic(connection.topic, name, ENCODINGS.get(encoding, encoding), definition, known)
+
+
+def _topic_of_channel(channel: Any, schema: Any) -> Topic:
+    language = MCAP_LANGUAGES.get(schema.encoding, "") if schema else ""
+    definition = schema.data.decode("utf-8", "replace") if language else ""
+    encoding = ENCODINGS.get(channel.message_encoding, channel.message_encoding)
+    return Topic(channel.topic, type_name(schema.name) if schema else "", encoding, definition, language)
+
+
+def _said(error: Exception) -> str:
+    return str(error) or type(error).__name__

@@ -21,6 +21,8 @@ import storage
 import tables
 from report import Section, describe_run
 
+import bags
+
 LOGS = ["freiburg-079", "intel"]
 N_REPETITIONS = 5
 N_REPETITIONS_QUICK = 3
@@ -29,6 +31,7 @@ N_SCANS_QUICK = 600  # of each log; targets are meant for whole logs
 Benchmark = Callable[[list[str], int | None, int], list[Section]]
 BENCHMARKS: dict[str, Benchmark] = {
     "ingest": ingest.run,
+    "bags": bags.run,
     "breakdown": breakdown.run,
     "flatness": flatness.run,
     "queries": queries.run,

@@ -98,6 +98,27 @@ def test_a_laser_that_stands_still_in_the_map(bag):
     assert {scan.x for scan in log} == {1.0}
 
 
+def test_static_transforms_that_are_said_again_and_again_move_nothing(bag):
+    repeated = [tf(CODEC, transform(t, "base_link", "laser")) for t in TIMES]
+    path = bag(repeated, [odometry(CODEC, t) for t in TIMES], sweep_messages(CODEC, SCANS))
+    assert_placed(open_scans(path))
+    with pytest.raises(TransformError, match="nothing says where laser was"):
+        open_scans(bag(repeated, sweep_messages(CODEC, SCANS)))
+
+
+def test_robots_in_maps_of_their_own_are_mapped_one_by_one(bag):
+    path = bag(
+        moving(CODEC, TIMES, "r1/odom", "r1/laser"),
+        moving(CODEC, TIMES, "r2/odom", "r2/laser"),
+        sweep_messages(CODEC, SCANS, "/r1/scan", "r1/laser"),
+        sweep_messages(CODEC, SCANS, "/r2/scan", "r2/laser"),
+    )
+    with pytest.raises(ConfigError, match="no common frame") as caught:
+        open_scans(path)
+    assert "--scan-topic /r1/scan  (in r1/odom)\n  --scan-topic /r2/scan  (in r2/odom)" in str(caught.value)
+    assert_placed(open_scans(path, bag=BagChoice(("/r2/scan",))))
+
+
 def test_an_unknown_fixed_frame_lists_the_known(bag):
     path = bag(ON_BASE, moving(CODEC, TIMES), sweep_messages(CODEC, SCANS))
     with pytest.raises(
@@ -339,6 +360,28 @@ def test_one_of_several_clouds_must_be_chosen(bag):
     with pytest.raises(ConfigError, match=r"--scan-topic /points  \(20 clouds\)\n  --scan-topic /points_2"):
         open_bag(path, BagChoice(from_cloud=(0.2, 0.4)))
     assert len(open_bag(path, BagChoice(("/points_2",), from_cloud=(0.2, 0.4)))[0]) == 20
+
+
+def test_a_topic_of_clouds_needs_heights(bag):
+    path = bag(moving(CODEC, TIMES), cloud_messages(), sweep_messages(CODEC, SCANS))
+    with pytest.raises(
+        ConfigError, match=r"holds clouds; wanted scans.\n.*--from-cloud 0\.2:0\.4 --scan-topic /points"
+    ):
+        open_scans(path, bag=BagChoice(("/points",)))
+
+
+def test_a_cloud_that_is_none(bag):
+    messages = cloud_messages()
+    messages[3].message.fields = messages[3].message.fields[:2]
+    messages[4].message.width = 1_000_000
+    messages[5].message.fields[0].datatype = 2
+    path = bag([odometry(CODEC, t, child="lidar") for t in TIMES], messages)
+    with pytest.raises(
+        ScanError, match=r"3 unusable: /points message 4.*a cloud with the fields x, y; wanted x, y and z"
+    ):
+        open_scans(path, bag=BagChoice(from_cloud=(-1, 1)))
+    log = open_scans(path, bag=BagChoice(from_cloud=(-1, 1)), skip_bad=True)
+    assert (len(log), log.n_skipped) == (17, 3)
 
 
 def test_a_bag_without_clouds(bag):

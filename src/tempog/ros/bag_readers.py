@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Generator, Iterable
+from collections.abc import Callable, Generator, Iterable
 from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -121,6 +121,7 @@ def _mcap(path: Path, wants: Wanted, reading: Reading) -> Messages:
     """An MCAP file, record by record and chunk by chunk: one that was cut off is read until there."""
     stream_reader, records = need("mcap.stream_reader", "bags"), need("mcap.records", "bags")
     size, schemas, topics = path.stat().st_size, dict[int, Any](), dict[int, tuple[Topic, bool]]()
+    counted: set[int] = set()  # channels of which nothing is wanted, and it is known how much there is
 
     def take(found: Iterable[Any]) -> Messages:
         for record in found:
@@ -131,17 +132,21 @@ def _mcap(path: Path, wants: Wanted, reading: Reading) -> Messages:
                 topics[record.id] = topic, wants(topic)
                 reading.announce(topic)
             elif isinstance(record, records.Message):
+                if record.channel_id in counted:
+                    continue
                 if record.channel_id not in topics or record.log_time > MOST_NS:
                     reading.lose("a message is of no known channel, or of no usable time", len(record.data))
                 else:
                     yield from _message(*topics[record.channel_id], record.log_time, record.data, reading)
 
     with path.open("rb") as file:
+        skipped = _learn_from_summary(file, take, topics, counted, reading)
         stream = iter(
             stream_reader.StreamReader(file, emit_chunks=True, record_size_limit=MOST_UNPACKED_BYTES).records
         )
         while True:
-            at = file.tell()
+            while (at := file.tell()) in skipped:
+                file.seek(skipped[at], io.SEEK_CUR)
             reading.moved_on(at)
             try:
                 record = next(stream)
@@ -164,6 +169,37 @@ def _mcap(path: Path, wants: Wanted, reading: Reading) -> Messages:
                     reading.lose(f"the chunk at byte {at} cannot be read: {_said(error)}", file.tell() - at)
                     continue
             yield from take(found)
+
+
+def _learn_from_summary(
+    file: BinaryIO,
+    take: Callable[[Iterable[Any]], Messages],
+    topics: dict[int, tuple[Topic, bool]],
+    counted: set[int],
+    reading: Reading,
+) -> dict[int, int]:
+    """Places and lengths of chunks of which nothing is wanted; and the topics, also those of damaged chunks.
+
+    At the end of a whole file all this is told once more.
+    """
+    skipped: dict[int, int] = {}
+    with suppress(Exception):  # of a file without an end, or with a damaged one
+        summary = need("mcap.reader", "bags").SeekingReader(file).get_summary()
+        list(take([*summary.schemas.values(), *summary.channels.values()]))
+        for channel, count in summary.statistics.channel_message_counts.items():
+            topic, wanted = topics[channel]
+            if not wanted:
+                counted.add(channel)
+                reading.n_messages[topic] += count
+        for chunk in summary.chunk_indexes:
+            if (
+                chunk.chunk_length > 0
+                and chunk.message_index_offsets
+                and counted.issuperset(chunk.message_index_offsets)
+            ):
+                skipped[chunk.chunk_start_offset] = chunk.chunk_length
+    file.seek(0)
+    return skipped
 
 
 def _of_cut_chunk(file: BinaryIO, at: int) -> Generator[Any, None, None]:

@@ -23,6 +23,7 @@ SAME_PLACE_M = 0.1
 SAME_HEADING_RAD = math.radians(5)
 # Lasers level to 3 degrees see a wall 10 m away half a metre higher or lower, which the plane can bear.
 MOST_TILT_RAD = math.radians(3)
+SAME_NUMBER = 1e-9  # m, or of a quaternion; rounding of what is worked out anew with every message
 NEARLY_SAME_TURN = 1 - 1e-10  # cosine of half the angle; slerp divides by its sine
 LONGEST_S = 9e9  # s; stands for ever, and fits int64 nanoseconds
 
@@ -99,6 +100,14 @@ class TransformBuffer:
     def is_static(self, parent: str, child: str) -> bool:
         """Whether a frame does not move in its parent."""
         return (parent, child) in self._tracks and self._tracks[parent, child].static
+
+    def is_still(self, parent: str, child: str) -> bool:
+        """Whether a frame never moved in its parent, as of a static transform that is said again and again on /tf."""
+        track = self._tracks.get((parent, child))
+        if track is None:
+            return False
+        values = np.array(track.values).reshape(-1, 7)
+        return track.static or bool((np.abs(values - values[0]) <= SAME_NUMBER).all())
 
     def chain(self, fixed: str, frame: str) -> list[str]:
         """Frames from `frame` to `fixed`, both included; TransformError if nothing connects them."""

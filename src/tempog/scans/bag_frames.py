@@ -130,6 +130,12 @@ def choose_lasers(recording: Recording, contents: Contents, choice: BagChoice) -
     ScanError
         No scans, or topics of one frame with different resolutions.
     """
+    for name in choice.scan_topics:
+        if recording.types_of(name) == [POINT_CLOUD]:
+            raise ConfigError(
+                f"{recording.source}: topic {name} holds clouds; wanted scans.\n"
+                f"  To make scans of points between two heights, use --from-cloud 0.2:0.4 --scan-topic {name}."
+            )
     check_topics(recording, choice.scan_topics, [LASER_SCAN], "--scan-topic")
     lasers = [_laser(recording, name, sweeps) for name, sweeps in contents.sweeps.items() if sweeps]
     if not lasers:
@@ -225,7 +231,7 @@ def base_of(buffer: TransformBuffer, frame: str) -> str:
     """The farthest frame up the tree that a frame does not move in: usually the robot's base."""
     parents = buffer.frames()
     seen = {frame}
-    while (up := parents.get(frame)) is not None and up not in seen and buffer.is_static(up, frame):
+    while (up := parents.get(frame)) is not None and up not in seen and buffer.is_still(up, frame):
         if up.rpartition("/")[2] in FIXED_FRAMES:
             break
         seen.add(up)
@@ -260,7 +266,16 @@ def _fixed_frame(
                 raise ConfigError(f"{recording.source}: --fixed-frame {wanted} cannot work: {error}.{hint}") from None
         return wanted, []
     candidates = _candidates(buffer, lasers)
-    return (candidates[0], candidates[1:]) if candidates else ("", [])
+    if candidates:
+        return candidates[0], candidates[1:]
+    alone = [_candidates(buffer, [laser]) for laser in lasers]
+    if all(alone):
+        flags = "\n".join(
+            f"  --scan-topic {laser.topic}  (in {' or '.join(names)})"
+            for laser, names in zip(lasers, alone, strict=True)
+        )
+        raise ConfigError(f"{recording.source}: the lasers move in no common frame; map them one by one.\n{flags}")
+    return "", []
 
 
 def _candidates(buffer: TransformBuffer, lasers: Sequence[Laser]) -> list[str]:
@@ -284,10 +299,8 @@ def _short(frame: str) -> str:
 
 
 def _moves(buffer: TransformBuffer, fixed: str, frame: str) -> bool:
-    return any(
-        not (buffer.is_static(one, other) or buffer.is_static(other, one))
-        for one, other in pairwise(buffer.chain(fixed, frame))
-    )
+    steps = pairwise(buffer.chain(fixed, frame))
+    return any(not (buffer.is_still(one, other) or buffer.is_still(other, one)) for one, other in steps)
 
 
 def _about(fixed: str, others: Sequence[str]) -> list[str]:

@@ -109,7 +109,7 @@ def open_bag(
         recording.check()
         logs = [_log(recording, laser, placement, policy, skip_bad) for laser in lasers]
     except (TransformError, MessageError) as error:
-        text = str(error)
+        text = str(error) + "".join(f"\n  {loss}." for loss in recording.losses)
         raise type(error)(text if recording.source in text else f"{recording.source}: {text}") from None
     return _noted(recording, [*notes, *placement.notes], logs)
 

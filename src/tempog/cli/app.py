@@ -14,6 +14,7 @@ from tempog.cli import (
     diff,
     evaluate,
     experiment,
+    export,
     history,
     info,
     map_logs,
@@ -45,6 +46,7 @@ app.command("merge")(merge.merge)
 app.command("compact")(compact.compact)
 app.command("prune")(prune.prune)
 app.command("diff")(diff.diff)
+app.command("export")(export.export)
 app.command("simulate")(simulate.simulate)
 app.command("evaluate")(evaluate.evaluate)
 app.command("experiment")(experiment.experiment)

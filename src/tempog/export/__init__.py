@@ -1,0 +1,1 @@
+"""A map for other programs: map_server files and masks for Nav2, GeoJSON, arrays, MCAP."""

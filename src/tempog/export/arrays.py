@@ -59,8 +59,8 @@ def site_arrays(site: SiteMap) -> dict[str, NDArray[Any]]:
 def write_arrays(path: Path, site: SiteMap) -> None:
     """Write a .npz of the layers.
 
-    Beside them, `x` and `y` are the centres of columns and rows, `bounds` is x_min, x_max, y_min, y_max, and `objects`
-    holds what objects.yaml does, as JSON.
+    Beside them, `x` and `y` are the centres of columns and rows, `bounds` is x_min, x_max, y_min, y_max, and
+    `objects` holds what objects.yaml does, as JSON.
     """
     x, y = _axes(site)
     arrays: dict[str, NDArray[Any]] = {
@@ -79,9 +79,9 @@ def write_arrays(path: Path, site: SiteMap) -> None:
 def _axes(site: SiteMap) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """x of the columns' centres and y of the rows', metres."""
     extent = site.extent
-    x: NDArray[np.float64] = (np.arange(extent.n_cols) + extent.col0 + 0.5) * extent.resolution_m
-    y: NDArray[np.float64] = (np.arange(extent.n_rows) + extent.row0 + 0.5) * extent.resolution_m
-    return x, y
+    x = (np.arange(extent.n_cols) + extent.col0 + 0.5) * extent.resolution_m
+    y = (np.arange(extent.n_rows) + extent.row0 + 0.5) * extent.resolution_m
+    return np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
 
 
 def to_xarray(site: SiteMap) -> xarray.Dataset:

@@ -94,8 +94,7 @@ def _meeting(lines: Sequence[Line], ends: Sequence[int]) -> NDArray[np.float64]:
         across = np.eye(2) - np.outer(line.along, line.along) + TOWARDS_END * np.eye(2)
         normal += across
         wanted += across @ line.ends[end]
-    point: NDArray[np.float64] = np.linalg.solve(normal, wanted)
-    return point
+    return np.asarray(np.linalg.solve(normal, wanted), dtype=np.float64)
 
 
 def _turning_about(point: NDArray[np.float64], lines: Sequence[Line], ends: Sequence[int]) -> Hinge | None:

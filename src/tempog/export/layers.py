@@ -83,7 +83,7 @@ def _groups(cells: Mask, join_m: float, resolution_m: float) -> NDArray[np.int32
 
 
 def _small(cells: Mask, below_m: float, join_m: float, resolution_m: float, touching: Mask | None = None) -> Mask:
-    """Cells of groups that reach less far than `below_m`, corner to corner; if given, only of those that touch others."""
+    """Cells of groups shorter than `below_m`, corner to corner; if given, only of those that touch certain cells."""
     from scipy.ndimage import find_objects
 
     groups = _groups(cells, join_m, resolution_m)

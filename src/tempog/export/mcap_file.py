@@ -34,7 +34,8 @@ STRING = "std_msgs/msg/String"
 # As rosbag2 writes it: reliable, and kept for who comes later.
 LATCHED_QOS = (
     "- history: 1\n  depth: 1\n  reliability: 1\n  durability: 1\n  deadline:\n    sec: 9223372036\n"
-    "    nsec: 854775807\n  lifespan:\n    sec: 9223372036\n    nsec: 854775807\n  liveliness: 1\n  liveliness_lease_duration:\n"
+    "    nsec: 854775807\n  lifespan:\n    sec: 9223372036\n    nsec: 854775807\n  liveliness: 1\n"
+    "  liveliness_lease_duration:\n"
     "    sec: 9223372036\n    nsec: 854775807\n  avoid_ros_namespace_conventions: false"
 )
 OPEN, CLOSED, THERE = (0.15, 0.65, 0.25), (0.8, 0.15, 0.1), (0.15, 0.35, 0.8)  # colours: red, green, blue

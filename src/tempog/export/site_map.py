@@ -177,8 +177,8 @@ def site_map(found: FoundObjects, at: Moment | None = None) -> SiteMap:
     at_ns = last_ns if at is None else history.parse_moment(at)
     if not first_ns <= at_ns <= last_ns:
         raise TimeError(
-            f"nothing is known of {history.format_moment(at_ns)}: the scans run from {history.format_moment(first_ns)}"
-            f" to {history.format_moment(last_ns)}"
+            f"nothing is known of {history.format_moment(at_ns)}: the scans run from"
+            f" {history.format_moment(first_ns)} to {history.format_moment(last_ns)}"
         )
     extent = seen_extent(found)
     if extent is None:

@@ -38,7 +38,7 @@ def to_yaml(document: Mapping[str, Any], comment: str = "") -> str:
 def _lines(value: Mapping[str, Any]) -> list[str]:
     lines = []
     for key, entry in value.items():
-        name = key if _PLAIN_KEY.fullmatch(key) and key.lower() not in _OTHER_WORDS else json.dumps(key)
+        name = key if _PLAIN_KEY.fullmatch(key) and key.lower() not in _OTHER_WORDS else _quoted(key)
         if isinstance(entry, Mapping) and entry:
             lines += [f"{name}:", *(f"  {line}" for line in _lines(entry))]
         elif _is_sequence(entry) and any(isinstance(one, Mapping) and one for one in entry):
@@ -57,7 +57,7 @@ def _is_sequence(value: Any) -> bool:
 
 def _flow(value: Any) -> str:
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{json.dumps(key)}: {_flow(entry)}" for key, entry in value.items()) + "}"
+        return "{" + ", ".join(f"{_quoted(key)}: {_flow(entry)}" for key, entry in value.items()) + "}"
     if _is_sequence(value):
         return "[" + ", ".join(_flow(one) for one in value) + "]"
     if isinstance(value, float):
@@ -65,7 +65,11 @@ def _flow(value: Any) -> str:
             raise ValueError(f"{value} cannot be written; use None")
         text = f"{value:.{DECIMALS}f}".rstrip("0")
         return "0.0" if float(text) == 0 else text + "0" * text.endswith(".")
-    return json.dumps(value)
+    return _quoted(value)
+
+
+def _quoted(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False)
 
 
 def read_flat_yaml(text: str, label: str) -> dict[str, Any]:

@@ -34,6 +34,10 @@ if TYPE_CHECKING:
         TempogError,
         TimeError,
     )
+    from tempog.export.arrays import to_xarray
+    from tempog.export.map_server import Nav2Map, read_nav2_map, write_nav2_map
+    from tempog.export.nav2 import export_nav2
+    from tempog.export.site_map import SiteMap, site_map
     from tempog.grid.history import CellHistory, Changes, History, Snapshot, Window
     from tempog.grid.temporal_grid import TemporalGrid
     from tempog.grid.time_index import TimeIndex
@@ -70,6 +74,10 @@ _HOMES = {
         "TempogError",
         "TimeError",
     ],
+    "tempog.export.arrays": ["to_xarray"],
+    "tempog.export.map_server": ["Nav2Map", "read_nav2_map", "write_nav2_map"],
+    "tempog.export.nav2": ["export_nav2"],
+    "tempog.export.site_map": ["SiteMap", "site_map"],
     "tempog.grid.history": ["CellHistory", "Changes", "History", "Snapshot", "Window"],
     "tempog.grid.temporal_grid": ["TemporalGrid"],
     "tempog.grid.time_index": ["TimeIndex"],
@@ -104,6 +112,7 @@ __all__ = [
     "MapDiff",
     "MapError",
     "MovingObject",
+    "Nav2Map",
     "ObjectTracker",
     "PaperConfig",
     "PlaceEvent",
@@ -113,6 +122,7 @@ __all__ = [
     "ScanError",
     "ScanLog",
     "SensingConfig",
+    "SiteMap",
     "Snapshot",
     "TempogError",
     "TemporalGrid",
@@ -123,6 +133,7 @@ __all__ = [
     "add_to_map",
     "associate",
     "build_grid",
+    "export_nav2",
     "find_configurations",
     "find_objects",
     "high_dynamic",
@@ -133,8 +144,12 @@ __all__ = [
     "open_map",
     "open_scans",
     "pose_consistency",
+    "read_nav2_map",
     "save_map",
+    "site_map",
     "static_map",
+    "to_xarray",
+    "write_nav2_map",
     "write_npz",
 ]
 

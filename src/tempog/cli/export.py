@@ -112,6 +112,8 @@ def export(
     history: History = saved if start is None and stop is None else saved.window(start, stop)
     if at is not None:
         saved.parse_moment(at)  # errors come before the work
+    from tempog.analysis.pose_consistency import pose_consistency
+
     written: list[str] = []
     with status("finding objects", wants_progress(quiet)) as say:
         site = site_map(find_objects(history, method), at)
@@ -127,6 +129,7 @@ def export(
                 force=force,
             )
             written.append(str(nav2))
+        poses = pose_consistency(saved)
         written += _write_files(site, every, geojson_file, npz, xarray, mcap)
     n_doors = sum(thing.hinge is not None for thing in site.things)
     others = counted(len(site.things) - n_doors, "other object", "other objects")
@@ -136,6 +139,8 @@ def export(
         typer.echo(f"Written: {text}")
     if not quiet:
         note_pruned(saved, *(saved.parse_moment(moment) for moment in (at, start, stop) if moment is not None))
+        if poses.warning:
+            print_note(poses.warning)
         if not site.things:
             print_note("no object was found, so that both maps are alike; tempog objects says what can be set")
 

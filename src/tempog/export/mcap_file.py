@@ -59,8 +59,8 @@ def write_mcap(path: Path, site: SiteMap, every_s: float | None = None) -> McapC
         Replaced if it is there.
     site : SiteMap
     every_s : float, seconds, optional
-        From one snapshot to the next. Default: ten, or as long as makes `MOST_SNAPSHOTS` of them, or `MOST_CELLS`
-        cells in all.
+        From one snapshot to the next; the last is at the end. Default: ten, or as long as makes `MOST_SNAPSHOTS` of
+        them, or `MOST_CELLS` cells in all.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def _messages(site: SiteMap, codec: Codec, every_s: float) -> Iterator[tuple[int
     first_ns, last_ns = (int(stamps[k]) for k in (site.history.first_scan, site.history.last_scan))
     step_ns = max(1, round(every_s * NS_PER_S))
     moments = [
-        *((stamp_ns, HISTORY_TOPIC) for stamp_ns in range(first_ns, last_ns + 1, step_ns)),
+        *((stamp_ns, HISTORY_TOPIC) for stamp_ns in (*range(first_ns, last_ns, step_ns), last_ns)),
         *((stamp_ns, OBJECTS_TOPIC) for stamp_ns in _changes(site, first_ns)),
         (site.at_ns, CURRENT_TOPIC),
     ]

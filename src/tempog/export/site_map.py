@@ -14,10 +14,11 @@ from tempog.analysis.objects import MovingObject, ObjectStay
 from tempog.analysis.static import CellClass
 from tempog.errors import EmptyWindowError, TimeError
 from tempog.export.doors import Hinge, hinge_of, leaf_cells
-from tempog.export.layers import Cells, Mask, cell_times, planning_cells, seen_extent, standing_cells
+from tempog.export.layers import Cells, Mask, cell_times, planning_cells, seen_extent, small_groups, standing_cells
 from tempog.export.map_server import FREE, OCCUPIED, UNKNOWN, Nav2Map
 from tempog.export.passages import blocks_way
 from tempog.grid.history import History
+from tempog.methods import SMALLEST_M
 from tempog.sensing.grid_spec import Extent
 from tempog.times import Moment
 
@@ -190,12 +191,15 @@ def site_map(found: FoundObjects, at: Moment | None = None) -> SiteMap:
         places[_inside(place, extent)] = True
         guessed[_inside(place, extent)] |= place.hypothesis
     hinges = [hinge_of(one.configurations, extent.resolution_m) for one in found.objects]
+    static = classes == CellClass.STATIC
+    crumbs = small_groups(static, SMALLEST_M, 0.0, extent.resolution_m)
     for one, hinge in zip(found.objects, hinges, strict=True):
+        if hinge is None:
+            continue
         for k, place in enumerate(one.configurations):
-            if hinge is not None and place.hypothesis:
-                leaf = (classes == CellClass.STATIC) & leaf_cells(hinge, k, extent)
-                places |= leaf
-                guessed |= leaf
+            leaf = leaf_cells(hinge, k, extent)
+            places |= leaf & (static if place.hypothesis else crumbs)
+            guessed |= leaf & static & place.hypothesis
     planning = planning_cells(classes, share, seen_s, places, guessed, extent.resolution_m)
     things = tuple(
         Thing(

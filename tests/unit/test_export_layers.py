@@ -13,7 +13,7 @@ from tempog.analysis.configurations import Configuration, Period
 from tempog.analysis.objects import MovingObject, ObjectPeriod, timeline_of
 from tempog.analysis.static import CellClass
 from tempog.errors import ConfigError, TimeError
-from tempog.export.doors import hinge_of, leaf_cells, outline_of
+from tempog.export.doors import hinge_of, leaf_cells, outline_of, swept_cells
 from tempog.export.layers import planning_cells
 from tempog.export.masks import grown, keepout_mask, speed_mask
 from tempog.export.passages import blocks_way
@@ -89,10 +89,22 @@ def test_leaf_cells_lie_along_the_leaf_and_spare_the_jamb() -> None:
     hinge = hinge_of(places, SIZE_M)
     assert hinge is not None
     extent = Extent(-40, -40, 80, 80, SIZE_M)
-    rows, cols = np.nonzero(leaf_cells(hinge, 1, extent))
-    x, y = (cols - 40 + 0.5) * SIZE_M, (rows - 40 + 0.5) * SIZE_M
+    y, x = ((leaf_cells(hinge, 1, extent) + 0.5) * SIZE_M).T
     assert np.abs(x).max() < 0.2
     assert (y.min(), y.max()) == (pytest.approx(0.2, abs=0.1), pytest.approx(1.0, abs=0.1))
+
+
+@pytest.mark.parametrize(
+    ("degrees", "share"),
+    [((0, 90), 1 / 4), ((350, 80), 1 / 4), ((0, 45, 100), 100 / 360), ((0, 180), 1), ((10, 200), 1)],
+)
+def test_a_leaf_sweeps_the_sector_between_its_places(degrees: tuple[float, ...], share: float) -> None:
+    hinge = hinge_of([leaf(k, (1.0, 1.0), one) for k, one in enumerate(degrees)], SIZE_M)
+    assert hinge is not None
+    swept = swept_cells(hinge, Extent(-10, -10, 80, 80, SIZE_M))
+    whole = math.pi * hinge.length_m**2 / SIZE_M**2
+    assert len(swept) / whole == pytest.approx(share, abs=0.08)
+    assert len(swept_cells(hinge, Extent(25, 25, 80, 80, SIZE_M))) < len(swept)  # cut at the map's rim
 
 
 def test_an_outline_is_convex_and_holds_all_cells() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import product
+from itertools import pairwise, product
 from typing import NamedTuple
 
 import numpy as np
@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from tempog.analysis.configurations import Configuration
 from tempog.analysis.evidence.shape import HINGE_GAP_M, LEAF_DEPTH_M, LEAF_LENGTH_M, Line, fit_line
-from tempog.sensing.grid_spec import Extent
+from tempog.sensing.grid_spec import Extent, GridSpec
 
 HINGE_OFF_M = 0.2  # from the hinge to the line of a leaf, and for one leaf to its end
 LEAST_LENGTH_M = 0.4  # of what is seen of a leaf; less has no direction to speak of
 LEAST_TURN_RAD = math.radians(15)
+UNSURE_TURN_RAD = math.radians(15)  # about half a turn: a leaf may have swung on either side
 LEAF_ASIDE_M = 0.12  # from the middle of a leaf to the cells beside it
 JAMB_M = 0.2
 TOWARDS_END = 0.02  # weight of a leaf's end beside its line: the wall hides the first part of an open leaf
@@ -119,13 +120,47 @@ def _turning_about(point: NDArray[np.float64], lines: Sequence[Line], ends: Sequ
     return Hinge(float(point[0]), float(point[1]), max(offs), length_m, tuple((x, y) for x, y in tips))
 
 
-def leaf_cells(hinge: Hinge, k: int, extent: Extent) -> NDArray[np.bool_]:
-    """Cells within `LEAF_ASIDE_M` of a leaf in its kth place, but for its first `JAMB_M`: there is the wall's end."""
+def leaf_cells(hinge: Hinge, k: int, extent: Extent) -> NDArray[np.int32]:
+    """Lattice row and col, (n, 2), of cells beside a leaf in its kth place: within `LEAF_ASIDE_M` of its middle.
+
+    Without its first `JAMB_M`: there is the wall's end.
+    """
     dx, dy = ((tip - at) / hinge.length_m for tip, at in zip(hinge.tips[k], (hinge.x, hinge.y), strict=True))
-    y = (np.arange(extent.n_rows) + extent.row0 + 0.5)[:, None] * extent.resolution_m - hinge.y
-    x = (np.arange(extent.n_cols) + extent.col0 + 0.5)[None, :] * extent.resolution_m - hinge.x
+    cells, x, y = cells_around(hinge, hinge.length_m + LEAF_ASIDE_M, extent)
     along, across = x * dx + y * dy, np.abs(x * dy - y * dx)
-    return np.asarray((along >= JAMB_M) & (along <= hinge.length_m + LEAF_ASIDE_M) & (across <= LEAF_ASIDE_M))
+    return cells[(along >= JAMB_M) & (along <= hinge.length_m + LEAF_ASIDE_M) & (across <= LEAF_ASIDE_M)]
+
+
+def swept_cells(hinge: Hinge, extent: Extent) -> NDArray[np.int32]:
+    """Lattice row and col, (n, 2), of cells that a leaf sweeps: the smallest sector that holds all its places.
+
+    Whether a leaf that turns by about 180 degrees does so on this side or on that, its places do not say: then both.
+    """
+    cells, x, y = cells_around(hinge, hinge.length_m, extent)
+    near = np.hypot(x, y) <= hinge.length_m + extent.resolution_m / 2
+    angles = sorted(math.atan2(y_tip - hinge.y, x_tip - hinge.x) % math.tau for x_tip, y_tip in hinge.tips)
+    gaps = [later - one for one, later in pairwise([*angles, angles[0] + math.tau])]
+    widest = int(np.argmax(gaps))
+    if gaps[widest] < math.pi + UNSURE_TURN_RAD:
+        return cells[near]
+    begin = angles[(widest + 1) % len(angles)]
+    turned = (np.arctan2(y, x) - begin) % math.tau
+    return cells[near & (turned <= math.tau - gaps[widest])]
+
+
+def cells_around(
+    hinge: Hinge, reach_m: float, extent: Extent
+) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
+    """Cells of an extent around a hinge: lattice row and col, (n, 2), and x and y of their centres from the hinge."""
+    size_m = extent.resolution_m
+    spans = []
+    for at, first, n in ((hinge.y, extent.row0, extent.n_rows), (hinge.x, extent.col0, extent.n_cols)):
+        low, high = math.floor((at - reach_m) / size_m) - 1, math.ceil((at + reach_m) / size_m) + 1
+        spans.append(np.arange(max(low, first), min(high, first + n), dtype=np.int32))
+    rows, cols = (part.ravel() for part in np.meshgrid(*spans, indexing="ij"))
+    cells = np.stack([rows, cols], axis=-1)
+    x, y = GridSpec(size_m).centres(rows, cols).T - np.array([[hinge.x], [hinge.y]])
+    return cells, x, y
 
 
 def outline_of(place: Configuration, resolution_m: float) -> list[tuple[float, float]]:

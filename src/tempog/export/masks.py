@@ -8,17 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tempog.errors import ConfigError
-from tempog.export.doors import Hinge
+from tempog.export.doors import swept_cells
 from tempog.export.layers import Cells, Mask
 from tempog.export.map_server import FREE, OCCUPIED, UNKNOWN
-from tempog.export.site_map import SiteMap
+from tempog.export.site_map import SiteMap, indices
 from tempog.times import NS_PER_S
 
 NO_LIMIT = 0  # of a speed mask; Nav2 takes unknown cells there for an error
 KEEPOUT_SHARE = 0.5  # of the time in which a place was seen; emptier ones cost the planner less if they are crossed
 SHUT_SHARE = 0.95  # the same where a way is blocked: a mask must not lock a door that opens twice a day
 SWING_MARGIN_M = 0.5  # Nav2 looks at the robot's middle; half of it, and the way it takes to slow down
-UNSURE_TURN_RAD = math.radians(15)  # about half a turn: a leaf may have swung on either side
 SWING_PERCENT, PEOPLE_PERCENT = 50, 70
 
 MAX_SAMPLES = 3600  # of a history: where people walk is known from fewer than a day's scans
@@ -80,29 +79,10 @@ def swing_floor(site: SiteMap) -> Mask:
     swings = np.zeros(site.extent.shape, dtype=np.bool_)
     for thing in site.things:
         if thing.hinge is not None:
-            swings |= _sector(thing.hinge, site)
+            swings[indices(swept_cells(thing.hinge, site.extent), site.extent)] = True
         elif thing.blocks == (True,):
             swings[site.mask_of(thing.one.configurations[0])] = True
     return grown(swings, SWING_MARGIN_M, site.extent.resolution_m)
-
-
-def _sector(hinge: Hinge, site: SiteMap) -> Mask:
-    """Cells that a leaf sweeps between its places: the smallest sector that holds all of them.
-
-    Whether a leaf that turns by about 180 degrees does so on this side or on that, its places do not say: then both.
-    """
-    extent = site.extent
-    ys = (np.arange(extent.n_rows) + extent.row0 + 0.5) * extent.resolution_m - hinge.y
-    xs = (np.arange(extent.n_cols) + extent.col0 + 0.5) * extent.resolution_m - hinge.x
-    near = np.hypot(xs[None, :], ys[:, None]) <= hinge.length_m + extent.resolution_m / 2
-    angles = sorted(math.atan2(y - hinge.y, x - hinge.x) % math.tau for x, y in hinge.tips)
-    gaps = [(later - one) % math.tau for one, later in zip(angles, [*angles[1:], angles[0] + math.tau], strict=True)]
-    widest = int(np.argmax(gaps))
-    if gaps[widest] < math.pi + UNSURE_TURN_RAD:
-        return np.asarray(near)
-    begin = angles[(widest + 1) % len(angles)]
-    turned = (np.arctan2(ys[:, None], xs[None, :]) - begin) % math.tau
-    return np.asarray(near & (turned <= math.tau - gaps[widest]))
 
 
 def busy_floor(site: SiteMap) -> Mask:

@@ -23,8 +23,11 @@ from tempog.export.site_map import SiteMap, Thing
 from tempog.ros.messages import Codec, occupancy_grid, pose, string, vector
 from tempog.times import NS_PER_S
 
+Outline = list[tuple[float, float]]
+
 FRAME = "map"
 MOST_SNAPSHOTS = 200
+MOST_STATES = 200_000  # of things in all messages; if they change more often, their states come with the snapshots
 MOST_CELLS = 400_000_000  # in all snapshots: what a laptop reads and writes in some seconds
 MAP_TOPIC, LOCALISATION_TOPIC, CURRENT_TOPIC = "/map", "/localisation_map", "/current_map"
 HISTORY_TOPIC, MARKERS_TOPIC, OBJECTS_TOPIC = "/map_history", "/object_markers", "/objects"
@@ -73,7 +76,7 @@ def write_mcap(path: Path, site: SiteMap, every_s: float | None = None) -> McapC
     -----
     ``/map`` and ``/localisation_map`` come first, at the begin of the period; ``/map_history`` is the map as last
     known at each snapshot; ``/current_map`` is at the site's moment. ``/object_markers`` and ``/objects`` (JSON) come
-    whenever a thing was first seen in another state. Messages are CDR, with their definitions.
+    whenever a thing was first seen in another state, each with all things. Messages are CDR, with their definitions.
     """
     if every_s is not None and not 0 < every_s < math.inf:
         raise ConfigError(f"every_s = {every_s!r} cannot work; wanted seconds above 0")
@@ -111,11 +114,20 @@ def _messages(site: SiteMap, codec: Codec, every_s: float) -> Iterator[tuple[int
     stamps = site.history.stamps_ns
     first_ns, last_ns = (int(stamps[k]) for k in (site.history.first_scan, site.history.last_scan))
     step_ns = max(1, round(every_s * NS_PER_S))
+    snapshots = [*range(first_ns, last_ns, step_ns), last_ns]
+    changes = _changes(site, first_ns)
+    if len(changes) * len(site.things) > MOST_STATES:
+        changes = snapshots
     moments = [
-        *((stamp_ns, HISTORY_TOPIC) for stamp_ns in (*range(first_ns, last_ns, step_ns), last_ns)),
-        *((stamp_ns, OBJECTS_TOPIC) for stamp_ns in _changes(site, first_ns)),
+        *((stamp_ns, HISTORY_TOPIC) for stamp_ns in snapshots),
+        *((stamp_ns, OBJECTS_TOPIC) for stamp_ns in changes),
         (site.at_ns, CURRENT_TOPIC),
     ]
+    outlines = {
+        place.id: outline_of(place, site.extent.resolution_m)
+        for thing in site.things
+        for place in thing.one.configurations
+    }
     yield first_ns, MAP_TOPIC, _grid(site, codec, first_ns, site.planning)
     yield first_ns, LOCALISATION_TOPIC, _grid(site, codec, first_ns, site.localisation)
     for stamp_ns, topic in sorted(moments):
@@ -125,7 +137,7 @@ def _messages(site: SiteMap, codec: Codec, every_s: float) -> Iterator[tuple[int
             yield stamp_ns, topic, _grid(site, codec, stamp_ns, site.current)
         else:
             states = [_latest(thing, stamp_ns) for thing in site.things]
-            yield stamp_ns, MARKERS_TOPIC, _markers(site, codec, stamp_ns, states)
+            yield stamp_ns, MARKERS_TOPIC, _markers(site, codec, stamp_ns, states, outlines)
             yield stamp_ns, OBJECTS_TOPIC, string(codec, _states_text(site, stamp_ns, states))
 
 
@@ -173,7 +185,9 @@ def _states_text(site: SiteMap, stamp_ns: int, states: list[ObjectStay | None]) 
     )
 
 
-def _markers(site: SiteMap, codec: Codec, stamp_ns: int, states: list[ObjectStay | None]) -> Any:
+def _markers(
+    site: SiteMap, codec: Codec, stamp_ns: int, states: list[ObjectStay | None], outlines: dict[int, Outline]
+) -> Any:
     """An outline and a text per thing, by its state; all of them, so that a viewer can begin anywhere."""
     markers = []
     for thing, stay in zip(site.things, states, strict=True):
@@ -182,8 +196,7 @@ def _markers(site: SiteMap, codec: Codec, stamp_ns: int, states: list[ObjectStay
         colour = THERE if is_open is None else OPEN if is_open else CLOSED
         word = "" if is_open is None else " open" if is_open else " closed"
         where = place if place is not None else thing.one.configurations[0]
-        outline = outline_of(where, site.extent.resolution_m)
-        points = [*outline, outline[0]] if place is not None else []
+        points = [*outlines[where.id], outlines[where.id][0]] if place is not None else []
         x, y = where.centre_m
         markers += [
             _marker(codec, stamp_ns, "outline", thing.one.id, 4, colour, points, (0.0, 0.0), ""),

@@ -148,7 +148,7 @@ class SiteMap:
 
     def mask_of(self, place: Configuration) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Indices into the layers of a place's cells."""
-        return _inside(place, self.extent)
+        return indices(place.cells, self.extent)
 
     def as_nav2(self, cells: Cells) -> Nav2Map:
         """A layer as map_server has it."""
@@ -188,8 +188,8 @@ def site_map(found: FoundObjects, at: Moment | None = None) -> SiteMap:
     share, seen_s = cell_times(history, extent)
     places, guessed = np.zeros(extent.shape, dtype=np.bool_), np.zeros(extent.shape, dtype=np.bool_)
     for place in found.configurations:
-        places[_inside(place, extent)] = True
-        guessed[_inside(place, extent)] |= place.hypothesis
+        places[indices(place.cells, extent)] = True
+        guessed[indices(place.cells, extent)] |= place.hypothesis
     hinges = [hinge_of(one.configurations, extent.resolution_m) for one in found.objects]
     static = classes == CellClass.STATIC
     crumbs = small_groups(static, SMALLEST_M, 0.0, extent.resolution_m)
@@ -197,9 +197,10 @@ def site_map(found: FoundObjects, at: Moment | None = None) -> SiteMap:
         if hinge is None:
             continue
         for k, place in enumerate(one.configurations):
-            leaf = leaf_cells(hinge, k, extent)
-            places |= leaf & (static if place.hypothesis else crumbs)
-            guessed |= leaf & static & place.hypothesis
+            rows, cols = indices(leaf_cells(hinge, k, extent), extent)
+            taken = (static if place.hypothesis else crumbs)[rows, cols]
+            places[rows[taken], cols[taken]] = True
+            guessed[rows[taken], cols[taken]] |= place.hypothesis
     planning = planning_cells(classes, share, seen_s, places, guessed, extent.resolution_m)
     things = tuple(
         Thing(
@@ -213,8 +214,9 @@ def site_map(found: FoundObjects, at: Moment | None = None) -> SiteMap:
     return SiteMap(found, at_ns, extent, classes, share, seen_s, planning, places, things)
 
 
-def _inside(place: Configuration, extent: Extent) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    rows, cols = place.cells[:, 0].astype(np.int64) - extent.row0, place.cells[:, 1].astype(np.int64) - extent.col0
+def indices(cells: NDArray[np.int32], extent: Extent) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Indices into an array over an extent, of those of some cells, (n, 2) lattice row and col, that it holds."""
+    rows, cols = cells[:, 0].astype(np.int64) - extent.row0, cells[:, 1].astype(np.int64) - extent.col0
     inside = (rows >= 0) & (rows < extent.n_rows) & (cols >= 0) & (cols < extent.n_cols)
     return rows[inside], cols[inside]
 

@@ -77,6 +77,23 @@ def test_what_nav2_would_do_with_its_savers_threshold(tmp_path: Path) -> None:
     assert read_nav2_map(yaml).cells.tolist() == [[0, 0, 0], [100, 0, 0]]
 
 
+@pytest.mark.parametrize(
+    ("kind", "pixels"),
+    [
+        ("16 bits", np.array([[65535, 0, 205 * 257]], dtype=np.uint16)),
+        ("colour", np.array([[[255, 255, 255], [0, 0, 0], [205, 205, 205]]], dtype=np.uint8)),
+        ("grey and alpha", np.array([[[255, 255], [0, 255], [128, 0]]], dtype=np.uint8)),
+        ("black and white", np.array([[True, False]])),
+    ],
+)
+def test_images_of_other_kinds_are_read(tmp_path: Path, kind: str, pixels: np.ndarray) -> None:
+    yaml, image = write_nav2_map(tmp_path / "m", MAP)
+    Image.fromarray(pixels).save(image.with_suffix(".png"))
+    mode = "scale" if kind == "grey and alpha" else "trinary"
+    yaml.write_text(yaml.read_text().replace("m.pgm", "m.png").replace("trinary", mode))
+    assert read_nav2_map(yaml).cells.tolist() == [[0, 100, -1][: pixels.shape[1]]]
+
+
 @pytest.mark.parametrize("origin", ["[0.0, 0.0, 0.5]", "[0.02, 0.0, 0.0]"])
 def test_a_turned_map_has_cells_but_no_place_on_the_lattice(tmp_path: Path, origin: str) -> None:
     yaml, _ = write_nav2_map(tmp_path / "m", MAP)

@@ -15,7 +15,6 @@ from tempog.cli._output import (
     ForceFlag,
     QuietFlag,
     check_new_file,
-    count_text,
     counted,
     print_note,
     status,
@@ -170,7 +169,8 @@ def _write_files(
     if mcap is not None:
         counts = write_mcap(mcap, site, every_s)
         snapshots = counted(counts.n_snapshots, "snapshot", "snapshots")
-        written.append(f"{mcap}: {snapshots}, one every {counts.every_s:g} s; {count_text(counts.n_states)} states")
+        states = counted(counts.n_states, "message", "messages") + " of objects' states"
+        written.append(f"{mcap}: {snapshots}, one every {counts.every_s:g} s; {states}")
     return written
 
 

@@ -241,6 +241,8 @@ def _read_image(path: Path) -> NDArray[np.uint8]:
                 return np.asarray(image.convert("RGBA"))
             if image.mode in ("L", "1"):
                 return np.asarray(image.convert("L"))[..., None]
+            if image.mode.startswith("I"):  # 16 bits
+                return np.rint(np.asarray(image)[..., None] / 257).astype(np.uint8)
             return np.asarray(image.convert("RGB"))
     except UnidentifiedImageError as error:
         raise MapError(f"{path} is no image; wanted PGM, PNG or BMP") from error

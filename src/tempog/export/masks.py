@@ -7,10 +7,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from tempog.analysis.static import CellClass
 from tempog.errors import ConfigError
 from tempog.export.doors import swept_cells
 from tempog.export.layers import Cells, Mask
-from tempog.export.map_server import FREE, OCCUPIED, UNKNOWN
+from tempog.export.map_server import OCCUPIED, UNKNOWN
 from tempog.export.site_map import SiteMap, indices
 from tempog.times import NS_PER_S
 
@@ -67,7 +68,7 @@ def speed_mask(site: SiteMap, *, swing_percent: int = SWING_PERCENT, people_perc
         if not 1 <= percent <= 100:
             raise ConfigError(f"{name} = {percent!r} cannot work; wanted a percent of the full speed, 1 to 100")
     mask = np.full(site.extent.shape, NO_LIMIT, dtype=np.int8)
-    floor = site.planning == FREE
+    floor = (site.planning != OCCUPIED) & (site.classes != CellClass.UNEXPLORED)
     mask[floor & busy_floor(site)] = people_percent
     swings = floor & swing_floor(site)
     mask[swings] = np.where(mask[swings] == NO_LIMIT, swing_percent, np.minimum(mask[swings], swing_percent))

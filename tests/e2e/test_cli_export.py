@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import textwrap
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from scipy.spatial import cKDTree
 from tempog import build_grid, find_objects, open_map, save_map
 from tempog.export.map_server import read_nav2_map
 from tempog.export.site_map import SiteMap, site_map
-from tempog.simulation import Simulation, corridor, load_world, simulate
+from tempog.simulation import PoseError, Simulation, corridor, load_world, simulate
 from tempog.simulation.cell_sets import near
 from tempog.simulation.truth import Truth
 
@@ -378,6 +379,16 @@ def test_a_missing_extra_is_said_before_the_work(tempog, rooms: Path, tmp_path: 
     result = tempog(rooms, "--xarray", tmp_path / "a.nc")
     assert result.code == 1
     assert "pip install 'tempog[xarray]'" in result.err
+
+
+def test_bad_poses_are_said(tempog, tmp_path: Path) -> None:
+    world = replace(load_world("rooms"), pose_error=PoseError(drift_m=0.05, drift_rad=0.015))
+    save_map(build_grid(simulate(world, duration_s=150.0, seed=2, people=0).scans), tmp_path / "bad.tempog")
+    result = tempog(tmp_path / "bad.tempog", "--nav2", tmp_path / "site")
+    assert result.code == 0
+    assert "poses look inconsistent" in result.err
+    assert "count as walls" in result.err
+    assert tempog(tmp_path / "bad.tempog", "--nav2", tmp_path / "quiet", "-q").err == ""
 
 
 def test_a_map_without_objects_is_exported_with_a_note(tempog, tmp_path: Path) -> None:

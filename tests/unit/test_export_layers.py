@@ -255,6 +255,16 @@ def site():
     return site_map(find_objects(build_grid(simulate(corridor(seed=0), duration_s=30, seed=0).scans)))
 
 
+@pytest.mark.parametrize(("there_s", "wanted"), [(90, 100), (40, 0)])
+def test_what_may_be_a_wall_stays_if_poses_are_bad(site, there_s: int, wanted: int) -> None:
+    periods = (Period(0, there_s * S, "occupied"), Period(there_s * S, 100 * S, "free"))
+    places = (place(1, [(5.0, 1.0), (5.05, 1.0)], periods),)
+    found = replace(site.found, configurations=places, objects=(MovingObject(1, places, *timeline_of(places), 0.9),))
+    where = site.extent.index_of(5.0, 1.0)
+    assert site_map(found).planning[where] == 0
+    assert site_map(found, doubtful_are_walls=True).planning[where] == wanted
+
+
 @pytest.mark.parametrize("percent", [0, 101, -5])
 def test_a_speed_is_a_percent(site, percent: int) -> None:
     with pytest.raises(ConfigError, match="wanted a percent"):

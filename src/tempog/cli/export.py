@@ -115,7 +115,8 @@ def export(
 
     written: list[str] = []
     with status("finding objects", wants_progress(quiet)) as say:
-        site = site_map(find_objects(history, method), at)
+        poses = pose_consistency(saved)
+        site = site_map(find_objects(history, method), at, doubtful_are_walls=poses.consistent is False)
         say("writing")
         if nav2 is not None:
             export_nav2(
@@ -128,7 +129,6 @@ def export(
                 force=force,
             )
             written.append(str(nav2))
-        poses = pose_consistency(saved)
         written += _write_files(site, every, geojson_file, npz, xarray, mcap)
     n_doors = sum(thing.hinge is not None for thing in site.things)
     others = counted(len(site.things) - n_doors, "other object", "other objects")
@@ -140,6 +140,7 @@ def export(
         note_pruned(saved, *(saved.parse_moment(moment) for moment in (at, start, stop) if moment is not None))
         if poses.warning:
             print_note(poses.warning)
+            print_note("so things of one place that were there for most of the time count as walls")
         if not site.things:
             print_note("no object was found, so that both maps are alike; tempog objects says what can be set")
 

@@ -14,7 +14,16 @@ from tempog.analysis.objects import MovingObject, ObjectStay
 from tempog.analysis.static import CellClass
 from tempog.errors import EmptyWindowError, TimeError
 from tempog.export.doors import Hinge, hinge_of, leaf_cells
-from tempog.export.layers import Cells, Mask, cell_times, planning_cells, seen_extent, small_groups, standing_cells
+from tempog.export.layers import (
+    MOSTLY,
+    Cells,
+    Mask,
+    cell_times,
+    planning_cells,
+    seen_extent,
+    small_groups,
+    standing_cells,
+)
 from tempog.export.map_server import FREE, OCCUPIED, UNKNOWN, Nav2Map
 from tempog.export.passages import blocks_way
 from tempog.grid.history import History
@@ -155,7 +164,7 @@ class SiteMap:
         return Nav2Map.over(cells, self.extent)
 
 
-def site_map(found: FoundObjects, at: Moment | None = None) -> SiteMap:
+def site_map(found: FoundObjects, at: Moment | None = None, *, doubtful_are_walls: bool = False) -> SiteMap:
     """What was found, in layers.
 
     Parameters
@@ -164,6 +173,9 @@ def site_map(found: FoundObjects, at: Moment | None = None) -> SiteMap:
         Of `find_objects`; of a window, if only that period is to count.
     at : moment, optional
         For `SiteMap.current`, and what things are in. Default: the last scan of the period.
+    doubtful_are_walls : bool
+        Whether things of one place that were there for half of the time or more stay in the planning map: with poses
+        that disagree (`pose_consistency`) most of them are walls that were seen displaced.
 
     Raises
     ------
@@ -202,6 +214,11 @@ def site_map(found: FoundObjects, at: Moment | None = None) -> SiteMap:
             places[rows[taken], cols[taken]] = True
             guessed[rows[taken], cols[taken]] |= place.hypothesis
     planning = planning_cells(classes, share, seen_s, places, guessed, extent.resolution_m)
+    if doubtful_are_walls:
+        for one in found.objects:
+            for place in one.configurations:
+                if len(one.configurations) == 1 and one.shares[place.id] >= MOSTLY:
+                    planning[indices(place.cells, extent)] = OCCUPIED
     things = tuple(
         Thing(
             one,

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from strategies import damaged_bytes, damaged_lines
 from tempog.errors import ScanError
-from tempog.scans.trajectory import END_SLACK_S, STILL_M, STILL_RAD, Trajectory
+from tempog.ros.transforms import SAME_HEADING_RAD, SAME_PLACE_M
+from tempog.scans.trajectory import END_SLACK_S, Trajectory
 from tempog.scans.trajectory_file import read_trajectory
 
 S = 1_000_000_000
@@ -23,8 +24,8 @@ NO_HEALTH_CHECKS = [HealthCheck.too_slow, HealthCheck.function_scoped_fixture, H
 def trajectories(draw: st.DrawFn) -> Trajectory:
     steps = draw(st.lists(STEPS_NS, min_size=1, max_size=8))
     stamps_ns = np.cumsum([draw(st.integers(-(2**62), 2**62)), *steps[1:]])
-    metres = st.floats(-5, 5) | st.sampled_from([0.0, 0.03])
-    pose = st.tuples(metres, metres, st.floats(-20, 20) | st.sampled_from([0.0, 0.01, math.pi]))
+    metres = st.floats(-5, 5) | st.sampled_from([0.0, 0.07])
+    pose = st.tuples(metres, metres, st.floats(-20, 20) | st.sampled_from([0.0, 0.06, math.pi]))
     return Trajectory(stamps_ns, [draw(pose) for _ in stamps_ns])
 
 
@@ -40,7 +41,7 @@ def slow_pose(trajectory: Trajectory, stamp_ns: int, max_gap_s: float) -> tuple[
     i = max(k for k in range(len(stamps)) if stamps[k] < stamp_ns)
     (x0, y0, a0), (x1, y1, a1) = poses[i : i + 2]
     turn = math.remainder(a1 - a0, 2 * math.pi)
-    stood = math.hypot(x1 - x0, y1 - y0) <= STILL_M and abs(turn) <= STILL_RAD
+    stood = math.hypot(x1 - x0, y1 - y0) <= SAME_PLACE_M and abs(turn) <= SAME_HEADING_RAD
     if (stamps[i + 1] - stamps[i]) / S > max_gap_s and not stood:
         return None
     f = (stamp_ns - stamps[i]) / (stamps[i + 1] - stamps[i])

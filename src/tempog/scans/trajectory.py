@@ -10,16 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tempog.errors import ConfigError, ScanError
+from tempog.ros.transforms import SAME_HEADING_RAD, SAME_PLACE_M
 from tempog.scans.scan import MAX_STAMP_S, Scan, ScanLog, usable_poses
+from tempog.times import NS_PER_S
 
 MAX_GAP_S = 1.0  # s; a robot that turns at 1 rad/s and drives at 1 m/s leaves the straight line by 0.12 m in it
-# A robot that stands: SLAM systems write no poses meanwhile, however long it lasts.
-STILL_M = 0.05
-STILL_RAD = math.radians(2)
 END_SLACK_S = 0.005  # stamps in text files are rounded, often to milliseconds; 1 m/s is 5 mm in that time
 MAX_POSITION_M = 1e9  # twenty times around the Earth; projected coordinates stay below, a corrupt pose does not
 FAST_M_PER_S = 20.0  # no indoor robot; where the poses jump, they do
-NS_PER_S = 1_000_000_000
 
 
 class Coverage(NamedTuple):
@@ -151,7 +149,9 @@ class Trajectory:
         after = stamps > self.stamps_ns[-1] + slack_ns
         left, right = self._around(stamps)
         step = self.poses[right] - self.poses[left]
-        stood = (np.hypot(step[..., 0], step[..., 1]) <= STILL_M) & (np.abs(_wrapped(step[..., 2])) <= STILL_RAD)
+        stood = (np.hypot(step[..., 0], step[..., 1]) <= SAME_PLACE_M) & (
+            np.abs(_wrapped(step[..., 2])) <= SAME_HEADING_RAD
+        )
         short = apart_s(self.stamps_ns[left], self.stamps_ns[right]) <= max_gap_s
         exact = (stamps <= self.stamps_ns[left]) | (stamps >= self.stamps_ns[right])  # or in the slack at an end
         in_gap = ~(before | after | stood | short | exact)
@@ -166,7 +166,7 @@ class Trajectory:
             In any order.
         max_gap_s : float, seconds
             Poses farther apart in time are not interpolated between, unless the robot stood meanwhile: both lie
-            within 0.05 m and 2 degrees.
+            within 0.1 m and 5 degrees. SLAM systems write no poses of a robot that stands.
 
         Returns
         -------

@@ -21,12 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tempog.errors import ScanError
+from tempog.ros.transforms import MOST_TILT_RAD, flatten
 from tempog.scans.clock import UNUSABLE_STAMP_NS, seconds_to_ns
 from tempog.scans.scan import MAX_STAMP_S, BadRows
 from tempog.scans.trajectory import FAST_M_PER_S, MAX_POSITION_M, Trajectory, apart_s, possible_poses
 
 N_TUM_FIELDS, N_KITTI_FIELDS = 8, 12
-MAX_TILT_RAD = math.radians(10)  # a floor's slope and a robot's sway stay below; another axis convention does not
 NORM_TOLERANCE = 0.01  # of a quaternion; rounded to three digits it is off by less
 MAX_FIELD_CHARS = 40  # shown of a field that is no number
 FLOORS_APART_M = 1.5  # heights that differ by more are noted: several floors make no 2D map
@@ -112,14 +112,13 @@ def _tum(source: str, rows: list[tuple[int, str]], skip_bad: bool) -> Trajectory
     stamps_ns = seconds_to_ns(values[:, 0])
     with np.errstate(all="ignore"):  # any numbers may stand in a file; what comes of them is looked at below
         norms = np.linalg.norm(quaternions, axis=1)
-        qx, qy, qz, qw = (quaternions / norms[:, None]).T
-        up = 1 - 2 * (qx * qx + qy * qy)
-        theta = np.arctan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
-    poses = np.stack([values[:, 1], values[:, 2], theta], axis=-1)
+        turns = quaternions / norms[:, None]
+        poses, upside_down, level = flatten(values[:, 1:4], turns)
+        up = 1 - 2 * (turns[:, 0] ** 2 + turns[:, 1] ** 2)
     reasons = {
         "stamp": stamps_ns == UNUSABLE_STAMP_NS,
         "norm": ~(np.abs(norms - 1) <= NORM_TOLERANCE),
-        "tilt": ~(up >= math.cos(MAX_TILT_RAD)),
+        "tilt": upside_down | ~level,
         "pose": ~possible_poses(poses),
     }
     usable = np.ones(len(lines), dtype=bool)
@@ -184,13 +183,13 @@ def _kitti(
     )
     unread = np.isnan(values).any(axis=1)
     usable = np.array(~unread, dtype=np.bool_)
-    wrong = (~(skew <= 2 * NORM_TOLERANCE)) | mirrored | ~(up >= math.cos(MAX_TILT_RAD)) | ~possible_poses(poses)
+    wrong = (~(skew <= 2 * NORM_TOLERANCE)) | mirrored | ~(up >= math.cos(MOST_TILT_RAD)) | ~possible_poses(poses)
     for i in np.flatnonzero(wrong & ~unread).tolist():
         usable[i] = False
         if not skew[i] <= 2 * NORM_TOLERANCE or mirrored[i]:
             what = "mirrors" if mirrored[i] and skew[i] <= 2 * NORM_TOLERANCE else "is no rotation"
             bad.add(f"line {lines[i]}", f"the 3 x 3 part of the matrix {what}; wanted a rotation, row by row")
-        elif not up[i] >= math.cos(MAX_TILT_RAD):
+        elif not up[i] >= math.cos(MOST_TILT_RAD):
             hint = "; KITTI's own poses are a camera's, with z ahead and y down: turn them first"
             bad.add(f"line {lines[i]}", _tilt_reason(float(up[i])) + hint)
         else:
@@ -352,4 +351,4 @@ def _stamp_reason(stamp_s: float) -> str:
 
 def _tilt_reason(up: float) -> str:
     tilt_deg = math.degrees(math.acos(min(1.0, max(-1.0, up))))
-    return f"the pose is tilted by {tilt_deg:.0f} degrees; wanted at most {math.degrees(MAX_TILT_RAD):.0f}"
+    return f"the pose is tilted by {tilt_deg:.0f} degrees; wanted at most {math.degrees(MOST_TILT_RAD):.0f}"

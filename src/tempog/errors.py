@@ -13,6 +13,7 @@ TempogError
 ├── TruthError          the truth about a simulated log that cannot be read
 ├── MessageError        bytes that are no message of the type they should be
 ├── TransformError      no way from one frame to another, or not at that time
+├── DatasetError        a public log that cannot be fetched, or is not the one it was
 ├── ExtraError          a package that only some of tempog needs is not installed
 ├── AnswerError         found objects that cannot be read, or not be judged
 └── ClusterError        workers that cannot be reached, or that lost what they were given
@@ -72,6 +73,10 @@ class MessageError(TempogError, ValueError):
 
 class TransformError(TempogError, LookupError):
     """Frames that nothing connects, or a moment at which nothing does."""
+
+
+class DatasetError(TempogError):
+    """A public log that cannot be fetched, or is not the one it was."""
 
 
 class ExtraError(TempogError, ImportError):

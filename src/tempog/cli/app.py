@@ -10,6 +10,7 @@ import typer
 from tempog._version import __version__
 from tempog.cli import (
     compact,
+    datasets,
     demo,
     diff,
     evaluate,
@@ -51,6 +52,7 @@ app.command("simulate")(simulate.simulate)
 app.command("evaluate")(evaluate.evaluate)
 app.command("experiment")(experiment.experiment)
 app.command("demo")(demo.demo)
+app.add_typer(datasets.app)
 
 
 def _version(wanted: bool) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import io
+import json
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,6 +45,15 @@ def carmen_text() -> bytes:
     return "\n".join(lines).encode()
 
 
+def json_text() -> bytes:
+    """A small JSON log, a value a line, as the public ones are."""
+    scans = {
+        f"{10 + 0.2 * i:.2f}": {"range": [2.0, 2.5, 81.83], "theta": 0.1, "x": 0.1 * i, "y": 0.5}
+        for i in range(N_SCANS)
+    }
+    return json.dumps({"map": scans}, indent=1).encode()
+
+
 def npz_bytes(*, compressed: bool = False) -> bytes:
     """A small archive as `write_npz` writes it."""
     rows = np.arange(N_SCANS)
@@ -63,6 +73,7 @@ def npz_bytes(*, compressed: bool = False) -> bytes:
 
 CARMEN = carmen_text()
 CARMEN_WITHOUT_ROBOTLASER = b"\n".join(line for line in CARMEN.split(b"\n") if b"ROBOT" not in line)
+JSON = json_text()
 NPZ = npz_bytes()
 NPZ_COMPRESSED = npz_bytes(compressed=True)
 STRANGE_NUMBERS = ["nan", "inf", "-inf", "1e300", "-1e300", "1e99999", "9" * 20, "-1", "0", "0.0", "1e-300"]
@@ -148,15 +159,21 @@ def strange_npz(draw: st.DrawFn) -> bytes:
 
 @st.composite
 def mutated_log_bytes(draw: st.DrawFn) -> bytes:
-    """Content of a scan log (CARMEN plain or gzip, or .npz) that something has damaged.
+    """Content of a scan log (CARMEN plain or gzip, .npz or JSON) that something has damaged.
 
     Now and then nothing is damaged at all, so what is tested is tested on readable logs, too.
     """
-    kind = draw(st.sampled_from(["lines", "lines", "bytes", "gzip", "gzip lines", "npz", "strange npz"]))
+    kind = draw(
+        st.sampled_from(["lines", "lines", "bytes", "gzip", "gzip lines", "npz", "strange npz", "json", "json lines"])
+    )
     if kind == "strange npz":
         return draw(strange_npz())
     if kind == "npz":
         return draw(damaged_bytes(draw(st.sampled_from([NPZ, NPZ_COMPRESSED]))))
+    if kind == "json":
+        return draw(damaged_bytes(JSON))
+    if kind == "json lines":
+        return draw(damaged_lines(JSON))
     text = draw(st.sampled_from([CARMEN, CARMEN_WITHOUT_ROBOTLASER]))
     if kind in ("lines", "gzip lines"):
         text = draw(damaged_lines(text))

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from strategies import CARMEN, CARMEN_WITHOUT_ROBOTLASER, NPZ, NPZ_COMPRESSED, mutated_log_bytes
+from strategies import CARMEN, CARMEN_WITHOUT_ROBOTLASER, JSON, NPZ, NPZ_COMPRESSED, mutated_log_bytes
 from tempog.errors import TempogError
 from tempog.scans.open import open_scans
 from tempog.scans.scan import ScanLog
@@ -49,7 +49,7 @@ def test_twenty_thousand_damaged_logs_are_read_or_refused(tmp_path, content, clo
     read_or_refuse(tmp_path / "log", content, clock, skip_bad, laser)
 
 
-@pytest.mark.parametrize("content", [CARMEN, CARMEN_WITHOUT_ROBOTLASER, NPZ, NPZ_COMPRESSED])
+@pytest.mark.parametrize("content", [CARMEN, CARMEN_WITHOUT_ROBOTLASER, NPZ, NPZ_COMPRESSED, JSON])
 def test_the_undamaged_logs_are_read(tmp_path, content):
     path = tmp_path / "log"
     path.write_bytes(content)

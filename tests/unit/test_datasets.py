@@ -103,7 +103,7 @@ def test_a_copy_goes_where_it_is_wanted(log, tmp_path) -> None:
 
 def test_another_file_in_its_place_is_not_kept(log, monkeypatch, tmp_path) -> None:
     offer(monkeypatch, replace(log, sha256="0" * 64))
-    with pytest.raises(DatasetError, match=rf"SHA-256 is {log.sha256} .*wanted 0000.*not kept"):
+    with pytest.raises(DatasetError, match=rf"SHA-256 is {log.sha256} .*wanted 0000.*Not kept"):
         fetch("log")
     assert list((tmp_path / "cache").iterdir()) == []
 

@@ -178,7 +178,7 @@ def _fetched(wanted: Dataset, folder: Path, progress: ProgressBar | None) -> Pat
             if seen != wanted.sha256:
                 raise DatasetError(
                     f"{wanted.url} is not the file that {wanted.name} was: its SHA-256 is {seen}"
-                    f" ({fetched.stat().st_size} bytes); wanted {wanted.sha256} ({wanted.size} bytes). It was not kept."
+                    f" ({fetched.stat().st_size} bytes); wanted {wanted.sha256} ({wanted.size} bytes). Not kept."
                     "\n  Try again, in case the transfer was cut short; else the source has changed, or something on"
                     " the way answers in its place."
                 )

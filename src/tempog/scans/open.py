@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import io
+import re
 import zlib
 from dataclasses import replace
 from pathlib import Path
@@ -13,15 +14,17 @@ from tempog.ros.bag_files import files_of, kind_of, kind_of_file
 from tempog.ros.raw import ZSTD_MAGIC
 from tempog.scans.bag_frames import BagChoice
 from tempog.scans.carmen import GZIP_MAGIC, KNOWN_MESSAGES, LASERS, read_carmen
+from tempog.scans.json_log import read_json
 from tempog.scans.npz import read_npz
 from tempog.scans.scan import ScanLog
 
 HEAD_BYTES = 1 << 16  # enough for the first lines of any log
 CARMEN_HEADER = b"# message_name"  # the comment that CARMEN's logger writes first
+JSON_START = re.compile(rb"(?:\xef\xbb\xbf)?\s*\{\s*\"")
 ZIP_MAGICS = (b"PK\x03\x04", b"PK\x05\x06")
 READABLE = (
-    "Readable are bags (.bag, .mcap, .db3, and folders of them), CARMEN logs (.log, .clf; plain or gzip) and .npz"
-    " with the arrays t, x, y, theta, angles, ranges, max_range."
+    "Readable are bags (.bag, .mcap, .db3, and folders of them), CARMEN logs (.log, .clf; plain or gzip), .npz with"
+    " the arrays t, x, y, theta, angles, ranges, max_range, and JSON logs as in tempog.scans.json_log."
 )
 UNREADABLE = {
     b"\x93NUMPY": ("a single NumPy array (.npy)", "Save the named arrays together with numpy.savez."),
@@ -95,10 +98,11 @@ def open_scans(
             if laser != "front"
             else log
         )
-    if kind == "npz":
-        log = read_npz(path, clock=clock, skip_bad=skip_bad, sensor_max_range=sensor_max_range)
+    if kind in ("npz", "json"):
+        read, name = (read_npz, "an .npz") if kind == "npz" else (read_json, "a JSON log")
+        log = read(path, clock=clock, skip_bad=skip_bad, sensor_max_range=sensor_max_range)
         if laser != "front":
-            log = _with_note(log, f"laser = {laser} has no effect: an .npz holds one laser")
+            log = _with_note(log, f"laser = {laser} has no effect: {name} holds one laser")
         return log
     return read_carmen(path, clock=clock, skip_bad=skip_bad, laser=laser, sensor_max_range=sensor_max_range)
 
@@ -108,7 +112,7 @@ def _with_note(log: ScanLog, note: str) -> ScanLog:
 
 
 def recognise(path: Path) -> str:
-    """ "npz", "carmen" or "bag"; ScanError, saying what was seen, for anything else."""
+    """ "npz", "json", "carmen" or "bag"; ScanError, saying what was seen, for anything else."""
     try:
         if path.is_dir():
             files_of(path)  # says if there is no bag in it
@@ -129,6 +133,8 @@ def recognise(path: Path) -> str:
         return "bag"
     packed = head.startswith(GZIP_MAGIC)
     content = _unpacked(head) if packed else head
+    if JSON_START.match(content) and not packed:
+        return "json"
     for magic, (name, remedy) in UNREADABLE.items():
         if content.startswith(magic):
             raise ScanError(f"{path} is {name}{', gzipped' if packed else ''}.\n  {remedy}")

@@ -150,7 +150,7 @@ class Trajectory:
         left, right = self._around(stamps)
         step = self.poses[right] - self.poses[left]
         stood = (np.hypot(step[..., 0], step[..., 1]) <= SAME_PLACE_M) & (
-            np.abs(_wrapped(step[..., 2])) <= SAME_HEADING_RAD
+            np.abs(wrapped(step[..., 2])) <= SAME_HEADING_RAD
         )
         short = apart_s(self.stamps_ns[left], self.stamps_ns[right]) <= max_gap_s
         exact = (stamps <= self.stamps_ns[left]) | (stamps >= self.stamps_ns[right])  # or in the slack at an end
@@ -185,7 +185,7 @@ class Trajectory:
         length_s = np.maximum(apart_s(since, until), 1 / NS_PER_S)
         share = np.minimum(apart_s(since, np.maximum(stamps, since)) / length_s, 1.0)
         step = self.poses[right] - self.poses[left]
-        step[..., 2] = _wrapped(step[..., 2])
+        step[..., 2] = wrapped(step[..., 2])
         poses = self.poses[left] + share[..., None] * step
         poses[~known] = np.nan
         return np.asarray(poses)
@@ -278,7 +278,7 @@ def apart_s(earlier_ns: NDArray[np.int64], later_ns: NDArray[np.int64]) -> NDArr
     return np.asarray(later_ns - earlier_ns).view(np.uint64) / NS_PER_S
 
 
-def _wrapped(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+def wrapped(angles: NDArray[np.float64]) -> NDArray[np.float64]:
     """Angles within -pi..pi."""
     return np.asarray((angles + math.pi) % (2 * math.pi) - math.pi)
 

@@ -34,6 +34,7 @@ WANTED = (
     "Wanted: TUM (8 numbers a row: t x y z qx qy qz qw) or KITTI (12 numbers a row: the upper three rows of a 4 x 4"
     " matrix)."
 )
+WANTED_TIMES = "Wanted: the time of each pose in seconds, one a row."
 
 
 def read_trajectory(
@@ -70,7 +71,7 @@ def read_trajectory(
     >>> trajectory.format, trajectory.poses[1].round(3)
     ('TUM trajectory, 2 poses', array([1.   , 0.   , 1.571]))
     """
-    rows = _rows(Path(path))
+    rows = text_rows(Path(path), WANTED)
     n_fields = _usual_length(rows)
     if n_fields == N_TUM_FIELDS:
         if times is not None:
@@ -84,7 +85,7 @@ def read_trajectory(
 
 def read_tum(path: str | Path, *, skip_bad: bool = False) -> Trajectory:
     """Read a TUM trajectory: rows of t x y z qx qy qz qw, seconds and metres; see `read_trajectory`."""
-    return _tum(str(path), _rows(Path(path)), skip_bad)
+    return _tum(str(path), text_rows(Path(path), WANTED), skip_bad)
 
 
 def read_kitti(
@@ -99,7 +100,7 @@ def read_kitti(
     z is taken to go up. KITTI's own files are of a camera (z ahead, y down): they are refused where they turn, since
     that is about another axis.
     """
-    return _kitti(str(path), _rows(Path(path)), times, scan_stamps_ns, skip_bad)
+    return _kitti(str(path), text_rows(Path(path), WANTED), times, scan_stamps_ns, skip_bad)
 
 
 # ---- formats -------------------------------------------------------------------------------------
@@ -107,7 +108,7 @@ def read_kitti(
 
 def _tum(source: str, rows: list[tuple[int, str]], skip_bad: bool) -> Trajectory:
     bad = BadRows(source, skip_bad)
-    lines, values = _numbers(rows, N_TUM_FIELDS, bad)
+    lines, values = number_rows(rows, N_TUM_FIELDS, bad)
     quaternions = values[:, 4:8]
     stamps_ns = seconds_to_ns(values[:, 0])
     with np.errstate(all="ignore"):  # any numbers may stand in a file; what comes of them is looked at below
@@ -152,7 +153,7 @@ def _kitti(
 ) -> Trajectory:
     bad = BadRows(source, skip_bad)
     # A row that is left out still stands for its stamp, so rows that cannot be read stay, as NaN.
-    lines, values = _numbers(rows, N_KITTI_FIELDS, bad, keep=True)
+    lines, values = number_rows(rows, N_KITTI_FIELDS, bad, keep=True)
     notes = []
     if times is not None:
         stamps_ns = _times(Path(times))
@@ -260,25 +261,25 @@ def _made(
 # ---- rows ----------------------------------------------------------------------------------------
 
 
-def _rows(path: Path) -> list[tuple[int, str]]:
+def text_rows(path: Path, wanted: str) -> list[tuple[int, str]]:
     """(line number, text) of the lines that say something, with blanks between the fields."""
     try:
         content = path.read_bytes()
     except (OSError, ValueError) as error:  # ValueError: a null byte in the path
         raise ScanError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from error
     if not content:
-        raise ScanError(f"{path} is empty.\n  {WANTED}")
+        raise ScanError(f"{path} is empty.\n  {wanted}")
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise ScanError(f"{path} is no text: byte {error.start + 1} is no UTF-8.\n  {WANTED}") from None
+        raise ScanError(f"{path} is no text: byte {error.start + 1} is no UTF-8.\n  {wanted}") from None
     rows = []
     for number, line in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), 1):
         said = line.split("#", 1)[0].replace(",", " ").strip()
         if said:
             rows.append((number, said))
     if not rows:
-        raise ScanError(f"{path} holds no rows, only comments.\n  {WANTED}")
+        raise ScanError(f"{path} holds no rows, only comments.\n  {wanted}")
     return rows
 
 
@@ -288,7 +289,7 @@ def _usual_length(rows: list[tuple[int, str]]) -> int:
     return max(sorted(set(lengths)), key=lengths.count)
 
 
-def _numbers(
+def number_rows(
     rows: list[tuple[int, str]], n_fields: int, bad: BadRows, *, keep: bool = False
 ) -> tuple[list[int], NDArray[np.float64]]:
     """Line numbers and values ``(n_rows, n_fields)``. What cannot be read goes to `bad`, or with `keep` is NaN."""
@@ -321,7 +322,7 @@ def _numbers(
 def _times(path: Path) -> NDArray[np.int64]:
     """Stamps from a file with a number a row."""
     bad = BadRows(str(path), skip_bad=False)
-    lines, values = _numbers(_rows(path), 1, bad)
+    lines, values = number_rows(text_rows(path, WANTED_TIMES), 1, bad)
     stamps_ns = seconds_to_ns(values[:, 0])
     for i in np.flatnonzero(stamps_ns == UNUSABLE_STAMP_NS).tolist():
         raise ScanError(f"{path}, line {lines[i]}: {_stamp_reason(float(values[i, 0]))}")

@@ -107,7 +107,7 @@ def read_relations(path: str | Path, *, skip_bad: bool = False) -> Relations:
     first_ns, second_ns = seconds_to_ns(values[:, 0]), seconds_to_ns(values[:, 1])
     moves = values[:, [2, 3, 7]]
     timeless = (first_ns == UNUSABLE_STAMP_NS) | (second_ns == UNUSABLE_STAMP_NS)
-    tilted = ~(np.abs(values[:, 5:7]) <= MOST_TILT_RAD).all(axis=1)
+    tilted = np.array((~(np.abs(values[:, 5:7]) <= MOST_TILT_RAD)).any(axis=1), dtype=np.bool_)
     usable = np.array(~(timeless | tilted) & possible_poses(moves), dtype=np.bool_)
     for i in np.flatnonzero(~usable).tolist():
         if timeless[i]:

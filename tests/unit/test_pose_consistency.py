@@ -73,6 +73,27 @@ def test_two_passes_see_one_wall_so_far_apart(between_m: float) -> None:
     assert answer.spread_m == pytest.approx(expected_m, abs=0.004 + 0.1 * expected_m)
 
 
+def test_walls_seen_far_apart_are_told_by_those_who_looked_through(drives, jump_m: float = 0.6) -> None:
+    """Halfway the poses jump, as after a wrong loop closure: farther than surfaces are compared."""
+    scans = drives[0.0][:2000]
+    late = [
+        Scan(
+            0.0,
+            (one.x + 0.6 * jump_m, one.y + 0.8 * jump_m, one.theta),
+            one.angles,
+            one.ranges,
+            one.max_range,
+            stamp_ns=one.stamp_ns,
+        )
+        for one in scans[len(scans) // 2 :]
+    ]
+    assert pose_consistency(mapped(scans)).doubled_share < 0.03
+    answer = pose_consistency(mapped(scans[: len(scans) // 2] + late))
+    assert 0.12 < answer.doubled_share < 0.6
+    assert answer.consistent is False
+    assert "of the walls stand where other passes looked through" in answer.warning
+
+
 def test_both_faces_of_a_wall_are_two_surfaces() -> None:
     for thick_m in (0.08, 0.12, 0.2):
         grid = TemporalGrid(scan_period_s=0.1)
@@ -87,7 +108,7 @@ def test_both_faces_of_a_wall_are_two_surfaces() -> None:
 
 def test_too_little_is_no_verdict_and_a_window_is_refused() -> None:
     grid = TemporalGrid()
-    assert pose_consistency(grid) == (None, None, 0)
+    assert pose_consistency(grid) == (None, None, 0, None)
     grid.integrate(wall_scan(0.0, 3.0, 1.0, 0.0))
     answer = pose_consistency(grid)
     assert (answer.spread_m, answer.consistent, answer.warning) == (None, None, None)

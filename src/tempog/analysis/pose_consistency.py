@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from tempog.analysis.doubled_walls import doubled_share
 from tempog.errors import ConfigError
 from tempog.grid.history import OCCUPIED_ABOVE
 from tempog.grid.segments import Runs
@@ -19,6 +20,8 @@ from tempog.sensing.tiles import TileIndex
 # 0.016 to 0.023 m, 86 at 0.027 to 0.034 m. Where a quarter is much worse than half, poses disagree in some rooms.
 INCONSISTENT_M = 0.02
 INCONSISTENT_QUARTER_M = 0.03
+# Of the walls; docs/poses.md: at most 0.02 with perfect poses, at least 0.16 with doubled walls.
+DOUBLED_SHARE = 0.08
 REACH_M = 0.25  # of a piece of surface to either side: double walls fit in, and most door frames do not
 STANDS_SHARE = 0.75  # of the time seen: walls, not people, as for static cells
 LINE_SHARE = 0.6  # of a line of twice the reach is what a piece is at least long; a table's leg is no piece
@@ -52,26 +55,40 @@ class PoseConsistency(NamedTuple):
         The same, exceeded by the worst quarter instead of half of the surfaces. Furniture adds to it.
     n_pieces : int
         Pieces of surface looked at.
+    doubled_share : float, 0..1, or None
+        What share of the hits on walls fell where other passes looked through: passes saw them farther apart than
+        `spread_m` can tell. None where too little was seen to say.
     """
 
     spread_m: float | None
     quarter_m: float | None
     n_pieces: int
+    doubled_share: float | None = None
 
     @property
     def consistent(self) -> bool | None:
-        """Whether `spread_m` is below 0.02 m and `quarter_m` below 0.03 m; None if they are unknown."""
+        """Whether `spread_m` is below 0.02 m, `quarter_m` 0.03 m, `doubled_share` 0.08; None if they are unknown."""
+        if self.doubled:
+            return False
         if self.spread_m is None or self.quarter_m is None:
             return None
         return self.spread_m < INCONSISTENT_M and self.quarter_m < INCONSISTENT_QUARTER_M
 
+    @property
+    def doubled(self) -> bool:
+        """Whether passes saw so many walls in different places that others looked through them."""
+        return self.doubled_share is not None and self.doubled_share >= DOUBLED_SHARE
+
     def __str__(self) -> str:
-        if self.spread_m is None or self.quarter_m is None:
-            return "too little was seen to say whether they agree"
-        return (
-            f"the same surfaces were seen {self.spread_m:.3f} m displaced between passes, a quarter of them"
-            f" {self.quarter_m:.3f} m or more"
-        )
+        said = []
+        if self.spread_m is not None and self.quarter_m is not None:
+            said.append(
+                f"the same surfaces were seen {self.spread_m:.3f} m displaced between passes, a quarter of them"
+                f" {self.quarter_m:.3f} m or more"
+            )
+        if self.doubled:
+            said.append(f"{self.doubled_share:.0%} of the walls stand where other passes looked through")
+        return "; ".join(said) or "too little was seen to say whether they agree"
 
     @property
     def warning(self) -> str | None:
@@ -119,6 +136,9 @@ def pose_consistency(grid: MapWithHits) -> PoseConsistency:
     as half of it. What lies farther apart than 0.25 m is not compared, so several decimetres look like less. Error
     that is drawn anew for each scan counts like error between passes.
 
+    Walls that were seen farther apart are found by `doubled_share`: occupied for ten scans in a row, and seen through
+    in more than a quarter of all looks, in lines of 1.5 m.
+
     Examples
     --------
     >>> from tempog import build_grid
@@ -135,11 +155,12 @@ def pose_consistency(grid: MapWithHits) -> PoseConsistency:
     hits = surfaces.hit_count[used].astype(np.float64)
     moments = surfaces.moments[used].astype(np.float64)
     means = grid.tiles.spec.centres(*grid.tiles.rows_cols(surfaces.cell_of_slot[used])) + moments[:, :2]
-    share, view = _seen(grid, means)
+    share, view, longest = _seen(grid, means)
+    doubled = doubled_share(means, hits, share >= STANDS_SHARE, longest)
     stands = np.flatnonzero(share >= STANDS_SHARE)
     stands = stands[:: max(1, math.ceil(len(stands) / MOST_PIECES))]
     if not len(stands):
-        return PoseConsistency(None, None, 0)
+        return PoseConsistency(None, None, 0, doubled)
     near = cKDTree(means[stands]).sparse_distance_matrix(cKDTree(means), REACH_M, output_type="ndarray")
     piece, cell = near["i"], near["j"]
     same_view = np.einsum("na,na->n", view[stands[piece]], view[cell]) > 0
@@ -151,19 +172,21 @@ def pose_consistency(grid: MapWithHits) -> PoseConsistency:
     kept = (pooled.hits >= LEAST_HITS) & (pooled.along_m2 >= line_m2)
     n_pieces = int(np.count_nonzero(kept))
     if n_pieces < LEAST_PIECES:
-        return PoseConsistency(None, None, n_pieces)
+        return PoseConsistency(None, None, n_pieces, doubled)
     weight = hits[stands][kept]
     spread_m, quarter_m = (
         math.sqrt(max(_quantile(pooled.across_m2[kept], weight, q) - RANGE_NOISE_M**2, 0.0)) for q in (0.5, 0.75)
     )
-    return PoseConsistency(spread_m, quarter_m, n_pieces)
+    return PoseConsistency(spread_m, quarter_m, n_pieces, doubled)
 
 
-def _seen(grid: MapWithHits, means: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Of each slot: for what share of its looks it was occupied, and the direction it was then seen from."""
+def _seen(
+    grid: MapWithHits, means: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Of each slot: for what share of its looks it was occupied, the direction it was seen from, its longest run."""
     surfaces = grid.surfaces
     n = surfaces.n_slots
-    looks, taken, view = np.zeros(n), np.zeros(n), np.zeros((n, 2))
+    looks, taken, longest, view = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, 2))
     until = np.concatenate([np.zeros((1, 2)), np.cumsum(grid.poses[:, :2], axis=0)])
     for runs in grid.runs():
         slot = np.repeat(surfaces.slot_of_cell[runs.cells], np.diff(runs.offsets))
@@ -174,10 +197,11 @@ def _seen(grid: MapWithHits, means: NDArray[np.float64]) -> tuple[NDArray[np.flo
         looks += np.bincount(slot, lasted, n)
         taken += np.bincount(slot, lasted * occupied, n)
         slot, first, last, lasted = slot[occupied], first[occupied], last[occupied], lasted[occupied]
+        np.maximum.at(longest, slot, lasted)
         towards = (until[last + 1] - until[first]) / lasted[:, None] - means[slot]
         towards *= (lasted / np.maximum(np.hypot(*towards.T), 1e-9))[:, None]
         view += np.stack([np.bincount(slot, towards[:, k], n) for k in (0, 1)], axis=-1)
-    return np.asarray(taken / np.maximum(looks, 1), dtype=np.float64), view
+    return np.asarray(taken / np.maximum(looks, 1), dtype=np.float64), view, longest
 
 
 class _Pieces(NamedTuple):

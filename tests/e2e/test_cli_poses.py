@@ -11,7 +11,7 @@ import pytest
 
 from tempog import Scan, open_map
 from tempog.scans.npz import write_npz
-from tempog.simulation import corridor, simulate
+from tempog.simulation import corridor, load_world, simulate
 
 
 @pytest.fixture(scope="module")
@@ -69,6 +69,20 @@ def test_scans_without_poses_stop_the_command_or_are_counted(tempog, drive: Path
     assert result.code == 0
     assert "530 scans" in result.out
     assert "left out: 70 of 600 scans" in result.err
+
+
+def test_poses_that_do_not_fit_the_scans_are_told_with_a_number(tempog, tmp_path: Path) -> None:
+    scans = simulate(load_world("rooms"), duration_s=100, seed=2, people=0).scans
+    write_npz(tmp_path / "log.npz", scans)
+    rows = [f"{one.t!r} {one.x} {one.y} 0 0 0 {math.sin(one.theta / 2)} {math.cos(one.theta / 2)}" for one in scans]
+    (tmp_path / "true.tum").write_text("\n".join(rows))
+    command = ["map", tmp_path / "log.npz", "-o", tmp_path / "m.tempog", "--poses", tmp_path / "true.tum", "--force"]
+    assert "inconsistent" not in tempog(*command).err
+    result = tempog(*command, "--pose-offset", "0.2", "--skip-bad")
+    assert result.code == 0
+    assert "clock were 0.20 s ahead: where they come from a file, add -0.20 s to --pose-offset" in result.err
+    answer = json.loads(tempog(*command, "--pose-offset", "0.2", "--skip-bad", "--json").out)
+    assert answer["sources"][0]["turns"]["offset_s"] == pytest.approx(-0.2, abs=0.03)
 
 
 @pytest.mark.parametrize(

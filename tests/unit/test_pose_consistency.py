@@ -73,9 +73,9 @@ def test_two_passes_see_one_wall_so_far_apart(between_m: float) -> None:
     assert answer.spread_m == pytest.approx(expected_m, abs=0.004 + 0.1 * expected_m)
 
 
-def test_walls_seen_far_apart_are_told_by_those_who_looked_through(drives, jump_m: float = 0.6) -> None:
+def test_walls_seen_far_apart_are_told_by_those_who_looked_through(drives) -> None:
     """Halfway the poses jump, as after a wrong loop closure: farther than surfaces are compared."""
-    scans = drives[0.0][:2000]
+    scans, jump_m = drives[0.0][:2000], 0.6
     late = [
         Scan(
             0.0,

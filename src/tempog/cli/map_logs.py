@@ -145,6 +145,7 @@ def map_logs(
     )
     # These import Numba and pyarrow, which --help should not wait for.
     from tempog.analysis.pose_consistency import pose_consistency
+    from tempog.analysis.turn_check import turn_check
     from tempog.pipeline import add_to_map
     from tempog.scans.open import open_scans, recognise
     from tempog.scans.rosbag import open_bag
@@ -200,6 +201,7 @@ def map_logs(
             print_note(note)
     saved = opened(path)
     poses = pose_consistency(saved)
+    turns = [turn_check(log) for log in logs]
     added = next(one for one in saved.sessions if one.id == name)
     answer: dict[str, Any] = {
         "map": str(path),
@@ -224,8 +226,9 @@ def map_logs(
                 "n_scans": len(log),
                 "n_skipped": log.n_skipped,
                 "notes": list(log.notes),
+                "turns": turned.to_dict(),
             }
-            for log in logs
+            for log, turned in zip(logs, turns, strict=True)
         ],
     }
     if json:
@@ -236,8 +239,10 @@ def map_logs(
         f" {count_text(answer['n_cells'])} cells, {count_text(answer['n_intervals'])} intervals,"
         f" {bytes_text(answer['bytes_on_disk'])} in {path}"
     )
-    if poses.warning and not quiet:
-        print_note(poses.warning)
+    if not quiet:
+        for warning in (poses.warning, *(turned.warning for turned in turns)):
+            if warning:
+                print_note(warning)
 
 
 def _other_poses(

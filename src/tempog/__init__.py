@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from tempog.analysis.pose_consistency import PoseConsistency, pose_consistency
     from tempog.analysis.static import CellClass, static_map
     from tempog.analysis.tracker import ObjectTracker, PlaceEvent
+    from tempog.analysis.turn_check import TurnCheck, turn_check
     from tempog.config import GridConfig, MapConfig, SensingConfig
     from tempog.errors import (
         ClockError,
@@ -46,6 +47,8 @@ if TYPE_CHECKING:
     from tempog.scans.npz import write_npz
     from tempog.scans.open import open_scans
     from tempog.scans.scan import Scan, ScanLog
+    from tempog.scans.trajectory import Trajectory, with_poses
+    from tempog.scans.trajectory_file import read_trajectory
     from tempog.store.live_map import LiveMap
     from tempog.store.saved_map import SavedMap, open_map, save_map
 
@@ -62,6 +65,7 @@ _HOMES = {
     "tempog.analysis.pose_consistency": ["PoseConsistency", "pose_consistency"],
     "tempog.analysis.static": ["CellClass", "static_map"],
     "tempog.analysis.tracker": ["ObjectTracker", "PlaceEvent"],
+    "tempog.analysis.turn_check": ["TurnCheck", "turn_check"],
     "tempog.config": ["GridConfig", "MapConfig", "SensingConfig"],
     "tempog.errors": [
         "ClockError",
@@ -86,6 +90,8 @@ _HOMES = {
     "tempog.scans.npz": ["write_npz"],
     "tempog.scans.open": ["open_scans"],
     "tempog.scans.scan": ["Scan", "ScanLog"],
+    "tempog.scans.trajectory": ["Trajectory", "with_poses"],
+    "tempog.scans.trajectory_file": ["read_trajectory"],
     "tempog.store.live_map": ["LiveMap"],
     "tempog.store.saved_map": ["SavedMap", "open_map", "save_map"],
 }
@@ -128,6 +134,8 @@ __all__ = [
     "TemporalGrid",
     "TimeError",
     "TimeIndex",
+    "Trajectory",
+    "TurnCheck",
     "Window",
     "__version__",
     "add_to_map",
@@ -145,10 +153,13 @@ __all__ = [
     "open_scans",
     "pose_consistency",
     "read_nav2_map",
+    "read_trajectory",
     "save_map",
     "site_map",
     "static_map",
     "to_xarray",
+    "turn_check",
+    "with_poses",
     "write_nav2_map",
     "write_npz",
 ]

@@ -68,10 +68,10 @@ class TurnCheck(NamedTuple):
         if self.mirrored:
             return f"{said}, as if they turned to the other side: is an axis mirrored, or the laser upside down?"
         if self.offset_s is not None:
+            way = "behind" if self.offset_s > 0 else "ahead"
             return (
-                f"{said}, as if their clock were {abs(self.offset_s):.2f} s"
-                f" {'behind' if self.offset_s > 0 else 'ahead'}: where they come from a file, add {self.offset_s:+.2f} s"
-                " to --pose-offset"
+                f"{said}, as if their clock were {abs(self.offset_s):.2f} s {way}:"
+                f" where they come from a file, add {self.offset_s:+.2f} s to --pose-offset"
             )
         return f"{said}: are they of this laser, and of this log?"
 

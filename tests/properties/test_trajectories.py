@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 from strategies import damaged_bytes, damaged_lines
 from tempog.errors import ScanError
 from tempog.ros.transforms import SAME_HEADING_RAD, SAME_PLACE_M
+from tempog.scans.relations import read_relations, relation_error
+from tempog.scans.scan import Scan
 from tempog.scans.trajectory import END_SLACK_S, Trajectory
 from tempog.scans.trajectory_file import read_trajectory
 
@@ -100,6 +102,33 @@ FILES = st.sampled_from([TUM, KITTI]).flatmap(lambda text: damaged_lines(text) |
 @settings(max_examples=300, deadline=None, derandomize=True, suppress_health_check=NO_HEALTH_CHECKS)
 def test_a_damaged_trajectory_is_read_or_refused(tmp_path, content: bytes, skip_bad: bool) -> None:
     read_or_refuse(tmp_path / "run.txt", content, skip_bad)
+
+
+RELATIONS = "\n".join([*(f"{k} {k + 1} 0.5 0.1 0 0 0 {k / 10}" for k in range(12)), ""]).encode()
+
+
+@given(damaged_lines(RELATIONS) | damaged_bytes(RELATIONS), st.booleans())
+@settings(max_examples=200, deadline=None, derandomize=True, suppress_health_check=NO_HEALTH_CHECKS)
+def test_damaged_relations_are_read_or_refused(tmp_path, content: bytes, skip_bad: bool) -> None:
+    path = tmp_path / "run.relations"
+    path.write_bytes(content)
+    try:
+        relations = read_relations(path, skip_bad=skip_bad)
+    except ScanError as error:
+        message = str(error)
+    else:
+        message = ""
+    if message:
+        assert str(path) in message
+        return
+    assert len(relations) > 0
+    assert np.isfinite(relations.moves).all()
+    scans = [Scan(float(k), (0.5 * k, 0.0, 0.0), [0.0], [2.0]) for k in range(13)]
+    try:
+        error = relation_error(scans, relations, within_s=0.5)
+    except ScanError:
+        return
+    assert np.isfinite(error).all()
 
 
 @pytest.mark.slow

@@ -63,6 +63,16 @@ def test_poses_of_another_drive_fit_in_no_way(drive) -> None:
     assert "of this log" in answer.warning
 
 
+def test_poses_that_stand_still_while_the_scans_turn_are_told(drive) -> None:
+    poses = poses_of(drive)
+    answer = turn_check(
+        with_poses(drive, Trajectory(poses.stamps_ns, np.repeat(poses.poses[:1], len(poses), axis=0)))
+    )
+    assert answer.n_pairs == 0
+    assert answer.consistent is False
+    assert "of this log" in answer.warning
+
+
 def test_who_never_turns_and_who_sees_nothing_gets_no_verdict() -> None:
     angles = np.radians(np.arange(-90, 90))
     wall = 2 / np.maximum(np.abs(np.sin(angles)), 0.01)

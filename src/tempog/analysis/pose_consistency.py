@@ -20,7 +20,7 @@ from tempog.sensing.tiles import TileIndex
 # 0.016 to 0.023 m, 86 at 0.027 to 0.034 m. Where a quarter is much worse than half, poses disagree in some rooms.
 INCONSISTENT_M = 0.02
 INCONSISTENT_QUARTER_M = 0.03
-# Of the walls; docs/poses.md: at most 0.02 with perfect poses, at least 0.16 with doubled walls.
+# Of the walls; docs/poses.md: at most 0.02 with perfect poses, at least 0.12 with doubled walls.
 DOUBLED_SHARE = 0.08
 REACH_M = 0.25  # of a piece of surface to either side: double walls fit in, and most door frames do not
 STANDS_SHARE = 0.75  # of the time seen: walls, not people, as for static cells

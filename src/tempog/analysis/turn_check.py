@@ -40,7 +40,7 @@ class TurnCheck(NamedTuple):
         Root mean square of the difference between the turn told by poses and that of the scans, in pairs half a
         second apart in which the robot turns. None where it turned too seldom, or what was seen does not tell.
     n_pairs : int
-        Pairs that could be judged.
+        Pairs with a turn that could be judged.
     offset_s : float, seconds, or None
         What to add to the stamps of the poses, so that they fit: the error is then at most 0.6 of what it is.
     mirrored : bool
@@ -111,21 +111,15 @@ def turn_check(scans: Sequence[Scan]) -> TurnCheck:
     second = np.searchsorted(t, t + PAIR_S - 1e-6)
     first = np.flatnonzero(second < len(scans))
     second = second[first]
-    turns = headings[second] - headings[first]
-    usable = (
-        (np.abs(turns) >= TURN_RAD[0]) & (np.abs(turns) <= TURN_RAD[1]) & (t[second] - t[first] <= LONGEST_PAIR_S)
-    )
-    chosen = np.flatnonzero(usable)
-    if len(chosen) > MOST_PAIRS:
-        chosen = chosen[np.linspace(0, len(chosen) - 1, MOST_PAIRS).astype(np.intp)]
-    pairs = [(int(first[k]), int(second[k])) for k in chosen]
-    seen = np.array([_turn_seen(scans[i], scans[j]) for i, j in pairs])
-    known = np.isfinite(seen)
-    n_pairs = int(np.count_nonzero(known))
+    short = t[second] - t[first] <= LONGEST_PAIR_S
+    told = np.abs(headings[second] - headings[first])
+    one, other, seen = _judged(scans, first, second, short & (told >= TURN_RAD[0]) & (told <= TURN_RAD[1]))
+    n_pairs = len(seen)
     if n_pairs < LEAST_PAIRS:
-        return TurnCheck(None, n_pairs)
-    one, other = (np.array([pair[k] for pair in pairs])[known] for k in (0, 1))
-    seen = seen[known]
+        # Does it turn, and the poses do not say so?
+        one, other, seen = _judged(scans, first, second, short)
+        error = _error(seen - (headings[other] - headings[one])) if len(seen) >= LEAST_PAIRS else 0.0
+        return TurnCheck(math.degrees(error) if error >= INCONSISTENT_RAD else None, n_pairs)
     error = _error(seen - (headings[other] - headings[one]))
     if error < INCONSISTENT_RAD:
         return TurnCheck(math.degrees(error), n_pairs)
@@ -140,6 +134,19 @@ def turn_check(scans: Sequence[Scan]) -> TurnCheck:
     # Poses that fit when they are taken from later are stamped too late.
     offset_s = -float(LAGS_S[best]) if lagging[best] <= EXPLAINED * error else None
     return TurnCheck(math.degrees(error), n_pairs, offset_s)
+
+
+def _judged(
+    scans: Sequence[Scan], first: NDArray[np.intp], second: NDArray[np.intp], usable: NDArray[np.bool_]
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
+    """Some of the usable pairs, evenly from all of them, and how far the scans of each are turned, if they tell."""
+    chosen = np.flatnonzero(usable)
+    if len(chosen) > MOST_PAIRS:
+        chosen = chosen[np.linspace(0, len(chosen) - 1, MOST_PAIRS).astype(np.intp)]
+    one, other = first[chosen], second[chosen]
+    seen = np.array([_turn_seen(scans[i], scans[j]) for i, j in zip(one, other, strict=True)], dtype=np.float64)
+    known = np.isfinite(seen)
+    return one[known], other[known], seen[known]
 
 
 def _error(apart: NDArray[np.float64]) -> float:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tempog import Scan, open_map
+from tempog import Scan, open_map, open_scans
 from tempog.scans.npz import write_npz
 from tempog.simulation import corridor, load_world, simulate
 
@@ -56,6 +56,39 @@ def test_poses_from_a_file_make_the_same_map(tempog, drive: Path, tmp_path: Path
     assert got["n_intervals"] == pytest.approx(wanted["n_intervals"], rel=0.01)
     one, other = (open_map(tmp_path / name) for name in ("a.tempog", "b.tempog"))
     assert np.allclose(one.poses[:, :2], other.poses[:, :2], atol=1e-6)
+
+
+def test_bags_take_them_for_their_base_frame(tempog, drive: Path, tmp_path: Path, monkeypatch) -> None:
+    pytest.importorskip("rosbags", reason="rosbags, of the extra bags, is not installed")
+    from tempog.scans.bag_writer import write_bag
+
+    monkeypatch.chdir(drive)
+    wanted = json.loads(tempog("map", "true.npz", "-o", tmp_path / "a.tempog", "--json").out)
+    write_bag(tmp_path / "run.mcap", open_scans("true.npz").scans)
+    command = [
+        "map",
+        tmp_path / "run.mcap",
+        "-o",
+        tmp_path / "b.tempog",
+        "--poses",
+        "late.tum",
+        "--pose-offset",
+        "-7",
+    ]
+    result = tempog(*command, "--laser-at", "0.2,0,180", "--json")
+    assert result.code == 0, result.err
+    got = json.loads(result.out)
+    assert any("poses from late.tum (600)" in note for note in got["sources"][0]["notes"])
+    assert got["n_cells"] == pytest.approx(wanted["n_cells"], rel=0.002)
+    assert got["n_intervals"] == pytest.approx(wanted["n_intervals"], rel=0.01)
+    for options, said in (
+        (["--pose-gap", "3"], "not for bags"),
+        (["--laser-at", "0.2,0,180", "--base-frame", "base_link"], "give one of them"),
+        (["--fixed-frame", "odom"], "take the place"),
+    ):
+        result = tempog(*command, "--force", *options)
+        assert result.code == 2
+        assert said in result.err
 
 
 def test_scans_without_poses_stop_the_command_or_are_counted(tempog, drive: Path, tmp_path: Path) -> None:

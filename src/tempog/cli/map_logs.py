@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -28,11 +29,11 @@ from tempog.cli._output import (
     track_scans,
     wants_progress,
 )
+from tempog.cli._poses import NOWHERE, other_poses
 from tempog.config import DEFAULT_GAP, Evidence, GridConfig, MapConfig, NoReturn, SensingConfig, parse_gap
 from tempog.errors import ConfigError, ScanError
 from tempog.scans.bag_frames import BagChoice
-from tempog.scans.trajectory import MAX_GAP_S, with_poses
-from tempog.scans.trajectory_file import read_trajectory
+from tempog.scans.trajectory import MAX_GAP_S
 from tempog.times import NS_PER_S, parse_duration
 
 if TYPE_CHECKING:
@@ -102,7 +103,7 @@ def map_logs(
     ] = MAX_GAP_S,
     laser_at: Annotated[
         str, typer.Option(metavar="X,Y,DEG", help="Where the laser sits on what --poses are of; metres, degrees.")
-    ] = "0,0,0",
+    ] = NOWHERE,
     max_cells: Annotated[
         int, typer.Option(help="Bound on the map's bounding rectangle, against corrupt poses.")
     ] = GridConfig.max_cells,
@@ -128,7 +129,7 @@ def map_logs(
     parse_gap(gap, math.nan)  # says at once if it is no duration
     if window is not None:
         parse_duration(window)
-    other_poses = _other_poses(poses_from, pose_times, pose_offset, pose_gap, laser_at, skip_bad)
+    from_elsewhere = other_poses(poses_from, pose_times, pose_offset, pose_gap, laser_at, skip_bad)
     path = output or default_map_path(inputs[0])
     sources = {name: context.get_parameter_source(name) for name in MAP_SETTINGS}
     chosen = [name for name, source in sources.items() if source is not None and source.name == "COMMANDLINE"]
@@ -163,14 +164,17 @@ def map_logs(
         raise ConfigError(f"{BAG_FLAGS} are for bags, and {inputs[0]} is none; leave them out")
     reading = {"clock": clock, "skip_bad": skip_bad, "sensor_max_range": sensor_max_range}
     if bags:  # all are one recording, and share their transforms
+        if from_elsewhere is not None:
+            choice = replace(choice, trajectory=(trajectory := from_elsewhere.of_bag(choice)))
         with track_bytes(f"reading {bags[0]}", progress) as moved_on:
             logs += open_bag(bags, choice, progress=moved_on, **reading)  # type: ignore[arg-type]
+        if from_elsewhere is not None:
+            logs = from_elsewhere.noted(logs, trajectory)
     for source in inputs:
         if source not in bags:
             with status(f"reading {source}", progress):
-                logs.append(open_scans(source, laser=laser, **reading))  # type: ignore[arg-type]
-    if other_poses is not None:
-        logs = [other_poses(log) for log in logs]
+                log = open_scans(source, laser=laser, **reading)  # type: ignore[arg-type]
+                logs.append(log if from_elsewhere is None else from_elsewhere.placed(log))
     map_notes = overlaps(logs)
     if not quiet and not json:
         for log in logs:
@@ -243,38 +247,6 @@ def map_logs(
         for warning in (poses.warning, *(turned.warning for turned in turns)):
             if warning:
                 print_note(warning)
-
-
-def _other_poses(
-    poses_from: Path | None,
-    times: Path | None,
-    offset_s: float,
-    max_gap_s: float,
-    laser_at: str,
-    skip_bad: bool,
-) -> Callable[[ScanLog], ScanLog] | None:
-    """What gives a log the poses that are asked for; None where its own are wanted."""
-    given = (times, offset_s, max_gap_s, laser_at) != (None, 0.0, MAX_GAP_S, "0,0,0")
-    if poses_from is None:
-        if given:
-            raise ConfigError(
-                "--pose-times, --pose-offset, --pose-gap and --laser-at go with --poses FILE; give that"
-            )
-        return None
-    try:
-        x, y, degrees = (float(field) for field in laser_at.split(","))
-    except ValueError:
-        raise ConfigError(
-            f"--laser-at {laser_at} is no place; wanted X,Y,DEG in metres and degrees, as in 0.2,0,180"
-        ) from None
-    place = (x, y, math.radians(degrees))
-
-    def with_other_poses(log: ScanLog) -> ScanLog:
-        stamps_ns = [scan.stamp_ns for scan in log]
-        trajectory = read_trajectory(poses_from, times=times, scan_stamps_ns=stamps_ns, skip_bad=skip_bad)
-        return with_poses(log, trajectory, offset_s=offset_s, max_gap_s=max_gap_s, laser_at=place, skip_bad=skip_bad)
-
-    return with_other_poses
 
 
 def default_map_path(log: Path) -> Path:

@@ -419,6 +419,24 @@ def test_a_definition_that_differs_is_obeyed(tmp_path):
     assert any("not the usual one; read as the bag says" in note for note in log.notes)
 
 
+def test_transforms_of_old_ros_1_are_read(tmp_path):
+    from rosbags.rosbag1 import Writer
+
+    scans = room_scans(5)
+    write_bag(tmp_path / "whole.bag", scans)
+    with Writer(tmp_path / "run.bag") as writer:
+        connections = {}
+        for one in read_of(tmp_path / "whole.bag"):
+            if one.topic not in connections:
+                old = one.topic.msgtype.replace("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+                said = {"msgdef": one.topic.definition, "md5sum": "0" * 32}
+                connections[one.topic] = writer.add_connection(one.topic.name, old, **said)
+            writer.write(connections[one.topic], one.log_ns, one.raw)
+    log = open_scans(tmp_path / "run.bag")
+    assert_same(log, scans)
+    assert "usual" not in " ".join(log.notes)
+
+
 def test_a_sweep_of_minutes_is_refused(tmp_path):
     codec = Codec("ros2")
     message = sweep_messages(codec, room_scans(1))[0]

@@ -35,11 +35,8 @@ def codec_of(topic: Topic) -> tuple[Codec, str]:
         raise MessageError(f"{topic.name}: the definition of {topic.msgtype} cannot be read: {error}") from None
     if topic.msgtype not in types:
         if known:
-            note = "" if topic.language == "" else ", which its definition does not define"
-            return (
-                usual,
-                f"{topic.name}: a {topic.msgtype}{note}; as of {RELEASES[topic.version]}" if note else "",
-            )
+            what = f"{topic.name}: its definition is of something else; as of {RELEASES[topic.version]}"
+            return usual, what if topic.language else ""
         raise MessageError(f"{topic.name}: nobody has said what a {topic.msgtype} is made of")
     if all(usual.store.fielddefs.get(name, (0, 0))[1] == fields[1] for name, fields in types.items()):
         return usual, ""
@@ -52,9 +49,8 @@ def codec_of(topic: Topic) -> tuple[Codec, str]:
         store.register(types)
     except Exception as error:  # of a code generator that is given any definition
         raise MessageError(f"{topic.name}: the definition of {topic.msgtype} cannot be used: {error}") from None
-    return Codec(
-        topic.version, store
-    ), f"{topic.name}: its {topic.msgtype} is not the usual one; read as the bag says"
+    note = f"{topic.name}: its {topic.msgtype} is not the usual one; read as the bag says"
+    return Codec(topic.version, store), note if known else ""
 
 
 def _parsed(topic: Topic) -> dict[str, Any]:

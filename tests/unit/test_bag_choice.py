@@ -22,7 +22,7 @@ from bags import (
 from tempog import ScanError, open_scans
 from tempog.errors import ConfigError, TransformError
 from tempog.ros.messages import Codec, point_cloud
-from tempog.scans.bag_frames import BagChoice
+from tempog.scans.bag_choice import BagChoice
 from tempog.scans.bag_writer import OutMessage
 from tempog.scans.rosbag import open_bag
 

@@ -32,7 +32,7 @@ from tempog.cli._output import (
 from tempog.cli._poses import NOWHERE, other_poses
 from tempog.config import DEFAULT_GAP, Evidence, GridConfig, MapConfig, NoReturn, SensingConfig, parse_gap
 from tempog.errors import ConfigError, ScanError
-from tempog.scans.bag_frames import BagChoice
+from tempog.scans.bag_choice import BagChoice
 from tempog.scans.trajectory import MAX_GAP_S
 from tempog.times import NS_PER_S, parse_duration
 

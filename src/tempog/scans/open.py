@@ -12,7 +12,7 @@ from pathlib import Path
 from tempog.errors import ConfigError, ScanError
 from tempog.ros.bag_files import files_of, kind_of, kind_of_file
 from tempog.ros.raw import ZSTD_MAGIC
-from tempog.scans.bag_frames import BagChoice
+from tempog.scans.bag_choice import BagChoice
 from tempog.scans.carmen import GZIP_MAGIC, KNOWN_MESSAGES, LASERS, read_carmen
 from tempog.scans.json_log import read_json
 from tempog.scans.npz import read_npz

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tempog.errors import ConfigError, MessageError, ScanError, TempogError, TransformError
 from tempog.ros.messages import LASER_SCAN, POINT_CLOUD, StampedTransform, Sweep, stamp_ns_of
 from tempog.ros.transforms import MOST_TILT_RAD, TransformBuffer, flatten
+from tempog.scans.bag_choice import BagChoice
 from tempog.scans.bag_contents import (
     Contents,
     Progress,
@@ -22,7 +23,7 @@ from tempog.scans.bag_contents import (
     read_clouds,
     read_contents,
 )
-from tempog.scans.bag_frames import BagChoice, Laser, Placement, base_of, check_topics, choose_lasers, place
+from tempog.scans.bag_frames import Laser, Placement, base_of, check_topics, choose_lasers, place
 from tempog.scans.clock import ClockPolicy, mend_clock, parse_clock
 from tempog.scans.clouds import BEAM_DEG, frame_of, sweep_of_cloud
 from tempog.scans.laser_geometry import check_sensor_max_range

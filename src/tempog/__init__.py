@@ -44,8 +44,11 @@ if TYPE_CHECKING:
     from tempog.grid.time_index import TimeIndex
     from tempog.methods import EvidenceConfig, PaperConfig
     from tempog.pipeline import add_to_map, build_grid
+    from tempog.scans.bag_choice import BagChoice
+    from tempog.scans.bag_writer import write_bag
     from tempog.scans.npz import write_npz
     from tempog.scans.open import open_scans
+    from tempog.scans.rosbag import open_bag
     from tempog.scans.scan import Scan, ScanLog
     from tempog.scans.trajectory import Trajectory, with_poses
     from tempog.scans.trajectory_file import read_trajectory
@@ -87,8 +90,11 @@ _HOMES = {
     "tempog.grid.time_index": ["TimeIndex"],
     "tempog.methods": ["EvidenceConfig", "PaperConfig"],
     "tempog.pipeline": ["add_to_map", "build_grid"],
+    "tempog.scans.bag_choice": ["BagChoice"],
+    "tempog.scans.bag_writer": ["write_bag"],
     "tempog.scans.npz": ["write_npz"],
     "tempog.scans.open": ["open_scans"],
+    "tempog.scans.rosbag": ["open_bag"],
     "tempog.scans.scan": ["Scan", "ScanLog"],
     "tempog.scans.trajectory": ["Trajectory", "with_poses"],
     "tempog.scans.trajectory_file": ["read_trajectory"],
@@ -98,6 +104,7 @@ _HOMES = {
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
+    "BagChoice",
     "CellClass",
     "CellHistory",
     "Changes",
@@ -149,6 +156,7 @@ __all__ = [
     "map_diff",
     "map_dynamics",
     "occupancy_grid",
+    "open_bag",
     "open_map",
     "open_scans",
     "pose_consistency",
@@ -160,6 +168,7 @@ __all__ = [
     "to_xarray",
     "turn_check",
     "with_poses",
+    "write_bag",
     "write_nav2_map",
     "write_npz",
 ]

@@ -119,6 +119,21 @@ def test_robots_in_maps_of_their_own_are_mapped_one_by_one(bag):
     assert_placed(open_scans(path, bag=BagChoice(("/r2/scan",))))
 
 
+def test_robots_whose_frames_have_the_same_names_are_not_mixed(bag):
+    def robot(name, x_m):
+        mounted = tf(CODEC, transform(0, "base_link", "laser"), topic=f"{name}/tf_static")
+        placed = [tf(CODEC, transform(t, "map", "base_link", x_m), topic=f"{name}/tf") for t in TIMES]
+        return [mounted, *placed, *sweep_messages(CODEC, SCANS, f"{name}/scan")]
+
+    path = bag(robot("/r1", 1.0), robot("/r2", 2.0))
+    with pytest.raises(ConfigError, match="robots whose frames have the same names") as caught:
+        open_scans(path)
+    assert "--scan-topic /r1/scan  (with /r1/tf)\n  --scan-topic /r2/scan  (with /r2/tf)" in str(caught.value)
+    for name, x_m in (("/r1", 1.0), ("/r2", 2.0)):
+        log = open_scans(path, bag=BagChoice((f"{name}/scan",)))
+        assert {scan.x for scan in log} == {x_m}
+
+
 def test_an_unknown_fixed_frame_lists_the_known(bag):
     path = bag(ON_BASE, moving(CODEC, TIMES), sweep_messages(CODEC, SCANS))
     with pytest.raises(

@@ -12,7 +12,7 @@ from tempog.scans.trajectory import MAX_GAP_S, Trajectory, with_poses
 from tempog.scans.trajectory_file import read_trajectory
 
 if TYPE_CHECKING:
-    from tempog.scans.bag_frames import BagChoice
+    from tempog.scans.bag_choice import BagChoice
     from tempog.scans.scan import ScanLog
 
 NOWHERE = "0,0,0"  # of --laser-at: the poses are the laser's

@@ -129,6 +129,16 @@ class TransformBuffer:
             way.append(before[way[-1]])
         return way[::-1]
 
+    def links(self) -> set[tuple[str, str]]:
+        """Parents and children that transforms were added for."""
+        return set(self._tracks)
+
+    def joined(self, other: TransformBuffer) -> TransformBuffer:
+        """The transforms of both; of two that say where a frame is in the same parent, only those of this one."""
+        both = self.without_parents("")
+        both._tracks = other._tracks | self._tracks
+        return both
+
     def without_parents(self, frame: str) -> TransformBuffer:
         """The same transforms, but for those that place a frame in another; for poses of it from elsewhere."""
         rest = TransformBuffer()

@@ -219,10 +219,33 @@ def _start_ns(file: Path, kind: str) -> int:
 
 @dataclass
 class Contents:
-    """Sweeps by topic, each with its label, and all transforms, of a whole recording."""
+    """Sweeps by topic, each with its label, and all transforms, of a whole recording.
+
+    Transforms are kept by what stands before the topics tf and tf_static, such as "/r1": robots with topics of their
+    own often have frames of the same names.
+    """
 
     sweeps: dict[str, list[tuple[str, Sweep]]] = field(default_factory=dict)
-    buffer: TransformBuffer = field(default_factory=TransformBuffer)
+    buffers: dict[str, TransformBuffer] = field(default_factory=dict)
+
+    @property
+    def robots(self) -> list[str]:
+        """What stands before the topics of robots whose frames have the same names; none if all go together."""
+        links = [buffer.links() for buffer in self.buffers.values()]
+        overlap = sum(map(len, links)) > len(set().union(*links))
+        return sorted(self.buffers) if overlap else []
+
+    def robot_of(self, topic: str) -> str:
+        """Which of `robots` a topic belongs to."""
+        return max((name for name in self.robots if topic.startswith(f"{name}/")), key=len, default="")
+
+    def buffer_of(self, robot: str) -> TransformBuffer:
+        """The transforms of one of `robots`, and those of no robot; or all, if they go together."""
+        own = self.buffers.get(robot, TransformBuffer())
+        for name, other in self.buffers.items():
+            if name != robot and (not name or not self.robots):
+                own = own.joined(other)
+        return own
 
 
 def read_contents(recording: Recording, wants_scans: Callable[[Topic], bool]) -> Contents:
@@ -237,9 +260,10 @@ def read_contents(recording: Recording, wants_scans: Callable[[Topic], bool]) ->
             if one.topic.msgtype == LASER_SCAN:
                 contents.sweeps.setdefault(one.topic.name, []).append((label, _checked(sweep_of(message))))
                 continue
-            static = one.topic.name.rpartition("/")[2] == STATIC_TOPIC
+            robot, _, name = one.topic.name.rpartition("/")
+            buffer = contents.buffers.setdefault(robot, TransformBuffer())
             for transform in transforms_of(message):
-                contents.buffer.add(transform, static=static)
+                buffer.add(transform, static=name == STATIC_TOPIC)
         except (MessageError, TransformError) as error:
             recording.bad.add(label, str(error))
         except (AttributeError, TypeError, ValueError, OverflowError) as error:

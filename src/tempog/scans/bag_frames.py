@@ -89,8 +89,10 @@ def choose_lasers(recording: Recording, contents: Contents, choice: BagChoice) -
     if choice.scan_topics:
         return lasers, []
     notes, chosen = [], []
-    for frame in dict.fromkeys(laser.frame for laser in lasers):
-        alike = sorted((one for one in lasers if one.frame == frame), key=lambda one: (-len(one.sweeps), one.topic))
+    places = [(laser.frame, contents.robot_of(laser.topic)) for laser in lasers]
+    for frame, robot in dict.fromkeys(places):
+        same = [laser for laser, where in zip(lasers, places, strict=True) if where == (frame, robot)]
+        alike = sorted(same, key=lambda one: (-len(one.sweeps), one.topic))
         if len(alike) > 1:
             _refuse_different(recording, alike)
             others = ", ".join(f"--scan-topic {one.topic} ({len(one.sweeps)} scans)" for one in alike[1:])
@@ -100,6 +102,17 @@ def choose_lasers(recording: Recording, contents: Contents, choice: BagChoice) -
         flags = " or ".join(f"--scan-topic {laser.topic}" for laser in chosen)
         notes.append(f"all {len(chosen)} lasers are mapped; for one alone, {flags}")
     return chosen, notes
+
+
+def transforms_for(recording: Recording, contents: Contents, topics: Sequence[str]) -> TransformBuffer:
+    """The transforms that hold for the lasers on some topics; ConfigError if those are of several robots."""
+    robots = {topic: contents.robot_of(topic) for topic in topics}
+    if len(set(robots.values())) > 1:
+        flags = "\n".join(f"  --scan-topic {topic}  (with {robot}/tf)" for topic, robot in robots.items())
+        raise ConfigError(
+            f"{recording.source} holds robots whose frames have the same names; map them one by one.\n{flags}"
+        )
+    return contents.buffer_of(next(iter(robots.values())))
 
 
 def _laser(recording: Recording, topic: str, sweeps: list[tuple[str, Sweep]]) -> Laser:

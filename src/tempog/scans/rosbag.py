@@ -23,7 +23,7 @@ from tempog.scans.bag_contents import (
     read_clouds,
     read_contents,
 )
-from tempog.scans.bag_frames import Laser, Placement, base_of, check_topics, choose_lasers, place
+from tempog.scans.bag_frames import Laser, Placement, base_of, check_topics, choose_lasers, place, transforms_for
 from tempog.scans.clock import ClockPolicy, mend_clock, parse_clock
 from tempog.scans.clouds import BEAM_DEG, frame_of, sweep_of_cloud
 from tempog.scans.laser_geometry import check_sensor_max_range
@@ -101,12 +101,13 @@ def open_bag(
     recording.check()
     try:
         if choice.from_cloud is not None:
-            lasers, notes = _flattened(recording, contents, choice, choice.from_cloud)
+            lasers, notes, buffer = _flattened(recording, contents, choice, choice.from_cloud)
         else:
             lasers, notes = choose_lasers(recording, contents, choice)
+            buffer = transforms_for(recording, contents, [laser.topic for laser in lasers])
         if sensor_max_range is not None:
             lasers = [_limited(laser, float(sensor_max_range)) for laser in lasers]
-        placement = place(recording, contents.buffer, lasers, choice)
+        placement = place(recording, buffer, lasers, choice)
         recording.check()
         logs = [_log(recording, laser, placement, policy, skip_bad) for laser in lasers]
     except (TransformError, MessageError) as error:
@@ -217,8 +218,8 @@ def _remedy(laser: Laser, placement: Placement, n_without: int, n_scans: int) ->
 
 def _flattened(
     recording: Recording, contents: Contents, choice: BagChoice, band_m: tuple[float, float]
-) -> tuple[list[Laser], list[str]]:
-    """Sweeps made of one topic's clouds, in a frame that lies flat where the sensor is."""
+) -> tuple[list[Laser], list[str], TransformBuffer]:
+    """Sweeps made of one topic's clouds, in a flat frame where the sensor is; and the transforms for them."""
     check_topics(recording, choice.scan_topics, [POINT_CLOUD], "--scan-topic")
     counts = {name: n for name, n in recording.topics(POINT_CLOUD).items() if n}
     names = list(choice.scan_topics) or list(counts)
@@ -231,7 +232,7 @@ def _flattened(
     if len(names) > 1:
         flags = "\n".join(f"  --scan-topic {name}  ({counts.get(name, 0)} clouds)" for name in names)
         raise ConfigError(f"{recording.source} holds several topics of clouds, and one can be used.\n{flags}")
-    flat = _FlatFrame(contents.buffer, choice.base_frame, band_m)
+    flat = _FlatFrame(transforms_for(recording, contents, names), choice.base_frame, band_m)
     sweeps: list[tuple[str, Sweep]] = []
     for label, message in read_clouds(recording, names[0]):
         try:
@@ -247,7 +248,7 @@ def _flattened(
         f" every {BEAM_DEG:g} degrees; beams without a point say nothing",
         *flat.notes,
     ]
-    return [Laser(names[0], flat.name, sweeps)], notes
+    return [Laser(names[0], flat.name, sweeps)], notes, flat.buffer
 
 
 class _FlatFrame:

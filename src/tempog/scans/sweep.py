@@ -111,7 +111,8 @@ def _scan(sweep: Sweep, knots: NDArray[np.float64], shares: NDArray[np.float64],
         east = cos * ahead[returned] + sin * aside[returned] + away * np.cos(angles[returned])
         north = cos * aside[returned] - sin * ahead[returned] + away * np.sin(angles[returned])
         ranges = np.where(ranges >= max_range, np.float32(np.inf), ranges)
-        ranges[returned] = np.hypot(east, north)
+        with np.errstate(over="ignore"):  # a pose or a reading that is far too large: a beam without return
+            ranges[returned] = np.hypot(east, north)
         angles[returned] = np.arctan2(north, east)
         max_range += shift_m
     return Scan(0.0, (x, y, theta), angles, ranges, max_range, stamp_ns=sweep.stamp_ns, label=label)

@@ -239,6 +239,8 @@ def _flattened(
             sweeps.append((label, flat.sweep_of(message)))
         except TempogError as error:
             recording.bad.add(label, str(error))
+        except (AttributeError, TypeError, ValueError, OverflowError) as error:
+            recording.bad.add(label, f"its cloud lacks something: {error}")
     if not sweeps:
         raise ScanError(
             f"{recording.source}: topic {names[0]} has no usable cloud; {'; '.join(recording.all_notes())}"

@@ -6,6 +6,7 @@ import bz2
 import itertools
 import sqlite3
 import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 
 from bags import BEAMS, START_S, room_scans, sweep_messages, tf, transform, wall_distance, write_messages
 from tempog import ScanError, open_scans
-from tempog.errors import ClockError, ConfigError, MessageError, TransformError
+from tempog.errors import ClockError, ConfigError, ExtraError, MessageError, TransformError
 from tempog.ros.bag_files import files_of, kind_of_file, read_messages
 from tempog.ros.messages import Codec, StampedTransform, string
 from tempog.ros.raw import Reading
@@ -472,6 +473,27 @@ def test_reading_tells_how_far_it_is(tmp_path):
     size = (tmp_path / "run.mcap").stat().st_size
     assert told[-1] == (size, size)
     assert [done for done, _ in told] == sorted(done for done, _ in told)
+
+
+@pytest.mark.parametrize(("name", "package"), [("run.mcap", "mcap.stream_reader"), ("run.db3", "rosbags.typesys")])
+def test_a_package_that_is_missing_is_named_with_its_extra(tmp_path, monkeypatch, name, package):
+    from tempog.ros import messages
+
+    write_bag(tmp_path / name, room_scans(3))
+    messages._default_store.cache_clear()
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(ExtraError, match=r"needs the package (mcap|rosbags): pip install 'tempog\[bags\]'"):
+        open_scans(tmp_path / name)
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(ScanError, match=r"cannot read .*: No such file"):
+        open_bag(tmp_path / "run.mcap")
+    with pytest.raises(ScanError, match="no bags were given"):
+        open_bag([])
+    (tmp_path / "run.mcap").write_text("hello")
+    with pytest.raises(ScanError, match="is no bag; wanted an MCAP file"):
+        open_bag(tmp_path / "run.mcap")
 
 
 # ---- writing -------------------------------------------------------------------------------------

@@ -285,6 +285,33 @@ def test_a_ros_1_bag_without_an_index_is_read(tmp_path, compression):
     assert any("no index" in note and "rosbag reindex" in note for note in log.notes)
 
 
+def test_a_chunk_of_a_ros_1_bag_that_cannot_be_unpacked_is_lost_alone(tmp_path):
+    from rosbags.rosbag1 import Writer
+
+    scans = room_scans(60)
+    write_bag(tmp_path / "whole.bag", scans)
+    writer = Writer(tmp_path / "run.bag")
+    writer.set_compression(Writer.CompressionFormat.LZ4)
+    writer.chunk_threshold = 10_000
+    with writer:
+        connections = {}
+        for one in read_of(tmp_path / "whole.bag"):
+            if one.topic not in connections:
+                said = {"msgdef": one.topic.definition, "md5sum": "0" * 32}
+                connections[one.topic] = writer.add_connection(one.topic.name, one.topic.msgtype, **said)
+            writer.write(connections[one.topic], one.log_ns, one.raw)
+    content = bytearray((tmp_path / "run.bag").read_bytes())
+    starts = [at for at in range(len(content)) if content[at : at + 4] == b"\x04\x22\x4d\x18"]  # LZ4's magic
+    content[starts[len(starts) // 2]] ^= 1
+    (tmp_path / "run.bag").write_bytes(content)
+    with pytest.raises(ScanError, match=r"damaged: after \d+ messages: "):
+        open_scans(tmp_path / "run.bag")
+    log = open_scans(tmp_path / "run.bag", skip_bad=True)
+    assert 45 < len(log) < 60
+    by_stamp = {scan.stamp_ns: scan for scan in scans}
+    assert_same(log, [by_stamp[scan.stamp_ns] for scan in log])
+
+
 def test_what_is_intact_of_a_cut_ros_1_bag_is_used_when_asked_for(tmp_path):
     scans = room_scans(100)
     write_bag(tmp_path / "run.bag", scans)

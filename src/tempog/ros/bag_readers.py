@@ -72,6 +72,16 @@ def _ros1(path: Path, wants: Wanted, reading: Reading) -> Messages:
                 yield from _message(topics[one.id], True, log_ns, raw, reading)
     except Exception as error:
         reading.lose(f"after {sum(reading.n_messages.values())} messages: {_said(error)}")
+        yield from _later(path, size, wants, reading)
+
+
+def _later(path: Path, size: int, wants: Wanted, reading: Reading) -> Messages:
+    """What a ROS 1 bag with a damaged part holds after the last message that its index led to, record by record."""
+    last_ns = reading.last_ns
+    with path.open("rb") as file:
+        for one in _unindexed(file, size, wants, Reading()):
+            if last_ns is None or one.log_ns > last_ns:
+                yield from _message(one.topic, True, one.log_ns, bytes(one.raw), reading)
 
 
 def _unindexed(file: BinaryIO, size: int, wants: Wanted, reading: Reading) -> Messages:

@@ -26,11 +26,15 @@ READABLE = (
     "Readable are bags (.bag, .mcap, .db3, and folders of them), CARMEN logs (.log, .clf; plain or gzip), .npz with"
     " the arrays t, x, y, theta, angles, ranges, max_range, and JSON logs as in tempog.scans.json_log."
 )
+UNPACK = "Unpack it first, or use gzip."
 UNREADABLE = {
+    b"#ROSBAG": ("a ROS 1 bag", "Unpack it first."),  # unpacked ones are read
+    b"\x89MCAP": ("an MCAP file", "Unpack it first."),
+    b"SQLite format 3": ("an SQLite file, perhaps a ROS 2 bag", "Unpack it first."),
     b"\x93NUMPY": ("a single NumPy array (.npy)", "Save the named arrays together with numpy.savez."),
-    b"BZh": ("a bzip2 file", "Unpack it first, or use gzip."),
-    b"\xfd7zXZ": ("an xz file", "Unpack it first, or use gzip."),
-    b"\x28\xb5\x2f\xfd": ("a Zstandard file with something else than a bag in it", "Unpack it first, or use gzip."),
+    b"BZh": ("a bzip2 file", UNPACK),
+    b"\xfd7zXZ": ("an xz file", UNPACK),
+    b"\x28\xb5\x2f\xfd": ("a Zstandard file with something else than a bag in it", UNPACK),
 }
 
 

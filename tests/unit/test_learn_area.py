@@ -13,7 +13,7 @@ from tempog.errors import ConfigError, EmptyWindowError
 from tempog.sensing.grid_spec import Bounds, GridSpec
 from tempog.sensing.tiles import CellBox, TileIndex
 from tempog.simulation import corridor, load_world, simulate
-from tempog.views.objects import draw_high_dynamic, draw_objects
+from tempog.views.objects import draw_objects, draw_people
 
 NS = 10**9
 
@@ -91,7 +91,7 @@ def test_what_was_found_in_a_grid_is_still_all_there_after_the_grid_has_grown() 
     assert len(walls) > 1000
     np.testing.assert_array_equal(found.high_dynamic("+10").cells, moving)
     np.testing.assert_array_equal(drawn(draw_objects(found)), picture)
-    draw_high_dynamic(found)  # over the extent of now
+    draw_people(found)  # over the extent of now
     over = found.walls_over(grid.extent)
     rows, cols = np.nonzero(over == CellClass.STATIC)
     centres = grid.tiles.spec.centres(rows + grid.extent.row0, cols + grid.extent.col0)

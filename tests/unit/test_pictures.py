@@ -15,15 +15,16 @@ from tempog.pipeline import build_grid
 from tempog.scans.scan import Scan
 from tempog.sensing.grid_spec import Extent
 from tempog.simulation import corridor, load_world, simulate
-from tempog.views.objects import LABEL_POINTS, draw_high_dynamic, draw_objects, draw_timeline, label_offsets
-from tempog.views.side_by_side import Row, draw_side_by_side
+from tempog.views.objects import LABEL_POINTS, draw_objects, draw_people, label_offsets
+from tempog.views.side_by_side import Row, draw_table_1
+from tempog.views.timeline import draw_timeline
 
 
 @pytest.mark.parametrize("world", ["hallway", "office"])
 def test_the_legend_of_compared_pictures_lies_inside_and_names_what_is_drawn(world):
     simulation = simulate(load_world(world), 10.0, people=2)
     found = find_objects(build_grid(simulation.scans))
-    figure = draw_side_by_side([Row("one", simulation, found)])
+    figure = draw_table_1([Row("one", simulation, found)])
     figure.draw_without_rendering()
     (legend,) = figure.legends
     box = legend.get_window_extent()
@@ -98,7 +99,7 @@ def test_legends_name_what_a_picture_has_and_nothing_else():
     assert not found.unassociated
     plain = ["static", "free", "unexplored"]
     assert labels(draw_objects(found)) == [*plain, "places of one object, with its number"]
-    assert labels(draw_high_dynamic(found)) == plain
+    assert labels(draw_people(found)) == plain
     (one,) = found.objects
     guessed = dataclasses.replace(one.configurations[1], hypothesis=True)
     doubtful = dataclasses.replace(one, configurations=(one.configurations[0], guessed))
@@ -110,9 +111,9 @@ def test_legends_name_what_a_picture_has_and_nothing_else():
     signs = ["places of one object, with its number", "one of them hardly ever seen free"]
     assert labels(draw_objects(other)) == [*plain, *named, *signs]
     simulation = simulate(corridor(), 1.0)
-    beside = labels(draw_side_by_side([Row("one", simulation, found), Row("two", simulation, other)]))
+    beside = labels(draw_table_1([Row("one", simulation, found), Row("two", simulation, other)]))
     assert beside[3:5] == named
     assert beside[-2:] == signs
-    assert "uncertain, as glass is" not in labels(draw_side_by_side([Row("one", simulation, found)]))
+    assert "uncertain, as glass is" not in labels(draw_table_1([Row("one", simulation, found)]))
     right = draw_timeline(other).axes[0].child_axes[0].get_yticklabels()
     assert right[1].get_text().endswith(", hypothesis")

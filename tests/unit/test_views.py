@@ -7,7 +7,7 @@ from tempog import build_grid
 from tempog.analysis.find_objects import find_objects
 from tempog.simulation import Glass, Route, Thing, Wall, World, simulate
 from tempog.views.canvas import BLACK
-from tempog.views.side_by_side import Row, draw_side_by_side
+from tempog.views.side_by_side import Row, draw_table_1
 from tempog.views.worlds import BLUE, CYAN, PALE_BLUE, YELLOW, bounds, draw_world
 
 WORLD = World(
@@ -34,7 +34,7 @@ def test_glass_and_boxes_are_drawn_and_explained():
 
 def test_the_legend_of_three_pictures_names_what_is_in_any_world_and_fits():
     simulation = simulate(WORLD, 1.0)
-    figure = draw_side_by_side([Row("a", simulation, find_objects(build_grid(simulation.scans)))])
+    figure = draw_table_1([Row("a", simulation, find_objects(build_grid(simulation.scans)))])
     assert texts(figure)[3:] == ["glass", "box", "its other places", "robot's way"]
     figure.canvas.draw()
     (legend,) = figure.legends

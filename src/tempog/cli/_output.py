@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from tempog._files import whole_file
 from tempog.errors import ConfigError, MapError
 
 if TYPE_CHECKING:
@@ -202,5 +201,6 @@ def check_new_file(path: Path, force: bool) -> None:
 
 def save_figure(figure: Figure, path: Path) -> None:
     """Write a picture, all of it or nothing."""
-    with whole_file(path) as unfinished:
-        figure.savefig(unfinished)
+    from tempog.views import figures
+
+    figures.save_figure(figure, path)

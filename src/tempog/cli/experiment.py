@@ -171,7 +171,7 @@ def draw(folder: Path, title: str, outcome: Outcome) -> None:
 
 def draw_side_by_sides(path: Path, outcomes: dict[str, Outcome]) -> None:
     """Table I: world, map and classic grid, a row for each experiment."""
-    from tempog.views.side_by_side import Row, draw_side_by_side
+    from tempog.views.side_by_side import Row, draw_table_1
 
     rows = [Row(title, outcome.drive.simulation, outcome.found) for title, outcome in outcomes.items()]
-    save_figure(draw_side_by_side(rows), path)
+    save_figure(draw_table_1(rows), path)

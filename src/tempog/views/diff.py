@@ -18,7 +18,7 @@ from tempog.analysis.patches import Patch
 from tempog.grid.history import OCCUPIED_ABOVE
 from tempog.sensing.grid_spec import Extent
 from tempog.times import NS_PER_S
-from tempog.views.canvas import GREY, UNEXPLORED, WHITE, Colour, Rgb, add_legend, as_rgb, canvas, cropped, show_map
+from tempog.views.canvas import GREY, UNEXPLORED, WHITE, Colour, Rgb, as_rgb, cropped, sheet_for, show_map
 from tempog.views.objects import label_offsets
 
 OCCUPIED: Colour = (0.45, 0.45, 0.47)  # so that what changed stands out
@@ -39,7 +39,7 @@ ARROW: dict[str, Any] = {
 GROWN_CELLS = 1  # changed cells are drawn with their neighbours, since lines of single cells are hard to see
 
 
-def draw_diff(diff: MapDiff, *, title: str = "") -> Figure:
+def draw_diff(diff: MapDiff, *, title: str = "", axes: Axes | None = None) -> Figure:
     """The map at the second moment in grey, and in colours what appeared, vanished or moved, each with its number.
 
     Parameters
@@ -47,28 +47,36 @@ def draw_diff(diff: MapDiff, *, title: str = "") -> Figure:
     diff : MapDiff
     title : str
         Put before what is shown.
+    axes : matplotlib.axes.Axes, optional
+        Where to draw, with the legend below. Default: axes that fit, in a figure of their own.
 
     Returns
     -------
     matplotlib.figure.Figure
         Axes in metres, map frame, y up. An arrow leads from where an object was to where it is. What was not seen
         since the first moment is yellowish.
+
+    Examples
+    --------
+    >>> from tempog import build_grid, map_diff
+    >>> from tempog.simulation import corridor, simulate
+    >>> grid = build_grid(simulate(corridor()).scans)
+    >>> draw_diff(map_diff(grid, "+66", "+100")).axes[0].get_title(loc="left")
+    '+66.0 s to +100.0 s · 1 moved, 0 appeared, 0 vanished'
     """
     history = diff.history
     full, extent = cropped(_picture(diff), history.extent)
-    figure, axes = canvas(*extent.shape, has_bar=False)
-    show_map(axes, full, extent)
-    _paint_signs(axes, diff, extent)
+    sheet = sheet_for(extent.shape, axes)
+    show_map(sheet.axes, full, extent)
+    _paint_signs(sheet.axes, diff, extent)
     start_ns = int(history.stamps_ns[0])
     moments = " to ".join(f"{(stamp - start_ns) / NS_PER_S:+.1f} s" for stamp in (diff.before_ns, diff.after_ns))
     counts = f"{len(diff.moved)} moved, {len(diff.appeared)} appeared, {len(diff.vanished)} vanished"
-    axes.set_title(" · ".join(part for part in (title, moments, counts) if part), fontsize=9, loc="left")
     entries = [(APPEARED, "there only now"), (VANISHED, "there only before"), (OCCUPIED, "occupied")]
     entries += [(WHITE, "free"), UNEXPLORED]
     if diff.not_seen_again.any():
         entries.append((NOT_SEEN_AGAIN, "not seen again"))
-    add_legend(figure, entries, _signs(diff))
-    return figure
+    return sheet.label([title, moments, counts], entries, _signs(diff))
 
 
 def _signs(diff: MapDiff) -> list[Artist]:

@@ -1,60 +1,73 @@
-"""Pictures of a map: one Matplotlib figure per layer, with scale bar, legend and the time in the title.
+"""Figures for papers and reports: a function for each thing that can be shown, returning the Matplotlib figure.
 
-Static is black, free white and unexplored grey throughout, as in the paper's figures.
+====================  ==================================================  =============================
+function              shows                                               of
+====================  ==================================================  =============================
+`draw_occupancy`      the map at a moment                                 a history
+`draw_age`            for how long each cell had not been seen            a history
+`draw_static`         what never moves (Fig. 6)                           a history
+`draw_dynamics`       how much each cell changes (Fig. 5)                 a history
+`draw_classic`        the ordinary occupancy grid (Fig. 14)               a history
+`draw_objects`        walls, places and objects (Fig. 13)                 a history, or found objects
+`draw_people`         where things were on the move (Fig. 11)             a history, or found objects
+`draw_timeline`       where each object was when                          a history, or found objects
+`draw_cell`           every state of one cell                             a history
+`draw_diff`           what changed between two moments                    a `MapDiff`
+`draw_world`          a simulated world (Fig. 12)                         a simulation
+`draw_table_1`        world, map and classic grid side by side (Table I)  experiments
+`draw_layer`          one of those of a history, by name                  a history
+====================  ==================================================  =============================
+
+A history is a `TemporalGrid`, a `SavedMap`, a `LiveMap`, or a window or area of one. All but the last two take
+``title``, which is put before what is shown, and ``axes``, to draw on axes of your own. `save_figure` writes a file
+that journals take. Colours can be told apart by colour-blind people. Figures are no part of pyplot: nothing needs to
+be closed.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, get_args
+import os
+from pathlib import Path
+from typing import get_args
 
-import numpy as np
-from matplotlib import colormaps
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import ListedColormap, LogNorm, Normalize
+from matplotlib import rc_context
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from tempog.analysis.dynamics import map_dynamics
+from tempog._files import whole_file
 from tempog.analysis.find_objects import find_objects
-from tempog.analysis.occupancy import CLAMP_PROB_HIGH, CLAMP_PROB_LOW, occupancy_grid
-from tempog.analysis.static import CellClass, static_map
 from tempog.errors import ConfigError
 from tempog.grid.history import History
 from tempog.methods import Method
 from tempog.times import Moment
-from tempog.views.canvas import (
-    BLACK,
-    GREY,
-    ORANGE,
-    UNEXPLORED,
-    WHITE,
-    Colour,
-    Rgb,
-    add_legend,
-    as_rgb,
-    as_shades,
-    canvas,
-    cropped,
-    show_map,
-)
+from tempog.views.cell import draw_cell
+from tempog.views.diff import draw_diff
 from tempog.views.layers import FOUND_LAYERS, MOMENT_LAYERS, Layer
-from tempog.views.objects import draw_high_dynamic, draw_objects, draw_timeline
+from tempog.views.maps import draw_age, draw_classic, draw_dynamics, draw_occupancy, draw_static
+from tempog.views.objects import draw_objects, draw_people
+from tempog.views.side_by_side import Row, draw_table_1
+from tempog.views.timeline import draw_timeline
+from tempog.views.worlds import draw_world
 
-MAX_DYNAMICS = 0.5
-# Dynamics below the first are left uncoloured, from the second on drawn in full colour, so that what moves
-# stands out from walls and floor. 0.1 is a cell in its rarer state for 7 % of the time, 0.3 for 25 %.
-FAINT_DYNAMICS, FULL_DYNAMICS = 0.1, 0.3
+__all__ = [
+    "Row",
+    "draw_age",
+    "draw_cell",
+    "draw_classic",
+    "draw_diff",
+    "draw_dynamics",
+    "draw_layer",
+    "draw_objects",
+    "draw_occupancy",
+    "draw_people",
+    "draw_static",
+    "draw_table_1",
+    "draw_timeline",
+    "draw_world",
+    "save_figure",
+]
 
-
-class _Drawing(NamedTuple):
-    """What a layer puts on the axes."""
-
-    rgb: Rgb
-    title: str
-    legend: list[tuple[Colour, str]]
-    colours: ScalarMappable | None = None
-    colours_label: str = ""
+WITHOUT_DATE = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
 
 
 def draw_layer(
@@ -86,7 +99,7 @@ def draw_layer(
     Returns
     -------
     matplotlib.figure.Figure
-        Axes in metres, map frame, y up. Save it with ``figure.savefig("map.png")``.
+        Axes in metres, map frame, y up. Save it with `save_figure`.
 
     Raises
     ------
@@ -99,80 +112,40 @@ def draw_layer(
         raise ConfigError(f"the {layer} layer shows a period, not a moment; use a window instead of at")
     history.require_scans()
     if layer in FOUND_LAYERS:
-        draw = {"objects": draw_objects, "high-dynamic": draw_high_dynamic, "timeline": draw_timeline}[layer]
-        return draw(find_objects(history, method), title=title)
-    is_moment = layer in MOMENT_LAYERS
-    drawing = _moment_drawing(history, layer, at, hold) if is_moment else _period_drawing(history, layer)
-    rgb, extent = cropped(drawing.rgb, history.extent)
-    figure, axes = canvas(*extent.shape, has_bar=drawing.colours is not None)
-    show_map(axes, rgb, extent)
-    axes.set_title(" · ".join(part for part in (title, drawing.title) if part), fontsize=9, loc="left")
-    add_legend(figure, drawing.legend)
-    if drawing.colours is not None:
-        bar = figure.colorbar(drawing.colours, ax=axes, shrink=0.8, pad=0.015, aspect=30)
-        bar.set_label(drawing.colours_label, fontsize=8)
-        bar.ax.tick_params(labelsize=8)
-    return figure
+        of_found = {"objects": draw_objects, "high-dynamic": draw_people, "timeline": draw_timeline}[layer]
+        return of_found(find_objects(history, method), title=title)
+    if layer in MOMENT_LAYERS:
+        of_moment = {"occupancy": draw_occupancy, "age": draw_age}[layer]
+        return of_moment(history, at=at, hold=hold, title=title)
+    of_period = {"static": draw_static, "dynamics": draw_dynamics, "classic": draw_classic}[layer]
+    return of_period(history, title=title)
 
 
-def _moment_drawing(history: History, layer: str, at: Moment | None, hold: float) -> _Drawing:
-    moment = at if at is not None else np.datetime64(int(history.stamps_ns[history.last_scan]), "ns")
-    snapshot = history.at(moment, hold)
-    when = history.format_moment(snapshot.stamp_ns)
-    known = "last known state" if hold == math.inf else f"seen within {hold:g} s" if hold else "as observed"
-    if layer == "occupancy":
-        free, hit = history.config.sensing.prob_free, history.config.sensing.prob_hit
-        rgb = as_shades((snapshot.value - free) / (hit - free))
-        return _Drawing(rgb, f"occupancy at {when}, {known}", [(BLACK, "occupied"), (WHITE, "free"), UNEXPLORED])
-    age_s = snapshot.age_s.astype(np.float64)
-    longest_s = max(10.0, float(np.nanmax(age_s))) if np.isfinite(age_s).any() else 10.0
-    colours = ScalarMappable(LogNorm(1.0, longest_s), colormaps["viridis_r"])
-    rgb = colours.to_rgba(np.nan_to_num(np.maximum(age_s, 1.0), nan=1.0))[..., :3].astype(np.float32)
-    rgb[np.isnan(age_s)] = GREY
-    return _Drawing(rgb, f"age at {when}", [UNEXPLORED], colours, "seconds since last seen (1 s or less: lightest)")
+def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: float | None = None) -> None:
+    """Write a figure to a file, all of it or nothing: PNG, PDF, SVG, or what else Matplotlib knows by its ending.
 
+    In PDF and SVG, lines and letters stay lines and letters, and each cell of a map is one sharp pixel of a picture.
+    Fonts are embedded so that journals take the file. The same figure gives the same file.
 
-def _period_drawing(history: History, layer: str) -> _Drawing:
-    first, last = (history.format_moment(int(history.stamps_ns[k])) for k in (history.first_scan, history.last_scan))
-    period = f"{first} to {last}"
-    if layer == "classic":
-        legend = [(BLACK, "occupied"), (WHITE, "free"), UNEXPLORED]
-        return _Drawing(classic_rgb(history), f"classic occupancy grid, {period}", legend)
-    rgb = _static_base(history)
-    if layer == "static":
-        legend = [(BLACK, "static"), (WHITE, "free"), (ORANGE, "changing"), UNEXPLORED]
-        return _Drawing(rgb, f"static map, {period}", legend)
-    rgb[np.all(rgb == as_rgb(ORANGE), axis=-1)] = WHITE
-    dynamics = map_dynamics(history).astype(np.float64)
-    rgb = _tinted(rgb, np.nan_to_num(dynamics))
-    scale = np.linspace(0, MAX_DYNAMICS, 256)
-    as_on_floor = _tinted(np.tile(as_rgb(WHITE), (256, 1)), scale)
-    colours = ScalarMappable(Normalize(0, MAX_DYNAMICS), ListedColormap(as_on_floor))
-    legend = [(BLACK, "static"), (WHITE, "free"), UNEXPLORED]
-    label = f"mean absolute deviation of P(occupied); under {FAINT_DYNAMICS:g} uncoloured"
-    return _Drawing(rgb, f"dynamics, {period}", legend, colours, label)
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    path : path
+    dpi : float, optional
+        Pixels per inch. Default: as many as show each cell of the map.
 
-
-def classic_rgb(history: History) -> Rgb:
-    """The classic occupancy grid in shades, over the history's extent."""
-    return as_shades((occupancy_grid(history) - CLAMP_PROB_LOW) / (CLAMP_PROB_HIGH - CLAMP_PROB_LOW))
-
-
-def _tinted(rgb: Rgb, dynamics: NDArray[np.float64]) -> Rgb:
-    """Colour cells by their dynamics, the stronger the more they change."""
-    strength = np.clip((dynamics - FAINT_DYNAMICS) / (FULL_DYNAMICS - FAINT_DYNAMICS), 0, 1)[..., None]
-    tint = colormaps["YlOrRd"](dynamics / MAX_DYNAMICS)[..., :3]
-    return (rgb * (1 - strength) + tint * strength).astype(np.float32)
-
-
-def _static_base(history: History) -> Rgb:
-    classes = static_map(history)
-    rgb = np.empty((*classes.shape, 3), dtype=np.float32)
-    for cell_class, colour in (
-        (CellClass.UNEXPLORED, GREY),
-        (CellClass.FREE, WHITE),
-        (CellClass.STATIC, BLACK),
-        (CellClass.CHANGING, ORANGE),
-    ):
-        rgb[classes == cell_class] = colour
-    return rgb
+    Examples
+    --------
+    >>> import tempfile
+    >>> from tempog import build_grid
+    >>> from tempog.simulation import corridor, simulate
+    >>> grid = build_grid(simulate(corridor(), duration_s=20.0).scans)
+    >>> save_figure(draw_static(grid), tempfile.mkdtemp() + "/walls.pdf")
+    """
+    path = Path(path)
+    # Journals refuse fonts of type 3, which Matplotlib embeds by default; with a salt, a file is the same each time.
+    settings = rc_context({"pdf.fonttype": 42, "ps.fonttype": 42, "svg.hashsalt": "tempog"})
+    with whole_file(path) as unfinished, settings:
+        figure.savefig(
+            unfinished, dpi="figure" if dpi is None else dpi, metadata=WITHOUT_DATE.get(path.suffix.lower())
+        )

@@ -1,4 +1,4 @@
-"""What was found, drawn: walls, places in colours and lines between those of one object (Fig. 13), trails, times."""
+"""What was found, drawn: walls, places in colours and lines between those of one object (Fig. 13), and trails."""
 
 from __future__ import annotations
 
@@ -14,83 +14,106 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from tempog.analysis.configurations import Configuration
-from tempog.analysis.find_objects import FoundObjects
-from tempog.analysis.objects import MovingObject
+from tempog.analysis.find_objects import FoundObjects, find_objects
 from tempog.analysis.static import CellClass
+from tempog.grid.history import History
 from tempog.sensing.grid_spec import Extent
-from tempog.times import NS_PER_S
 from tempog.views.canvas import (
     BLACK,
     GREY,
-    LONGEST_SIDE_INCHES,
     UNEXPLORED,
     WHITE,
     Colour,
     Rgb,
-    add_legend,
     as_rgb,
-    canvas,
     cropped,
+    figure_of,
+    sheet_for,
     show_map,
 )
-from tempog.views.time_axis import set_time_axis
+from tempog.views.maps import Drawing
 
 # Okabe and Ito's colours, which colour-blind people can tell apart, without black, the colour of lone places, and sky
-# blue, which looks like that of glass.
+# blue, which looks like that of glass; then a purple and a brown that differ from them in brightness too.
 OBJECT_COLOURS: tuple[Colour, ...] = (
     (0.0, 0.45, 0.70),
     (0.84, 0.37, 0.0),
     (0.0, 0.62, 0.45),
     (0.80, 0.47, 0.65),
-    (0.40, 0.18, 0.58),
-    (0.55, 0.34, 0.29),
+    (0.45, 0.0, 0.70),
+    (0.42, 0.17, 0.05),
 )
 LABEL_POINTS = (13, 10)  # width and height of a number of two digits
 LABEL_STEPS = sorted(((right, up) for right in range(-2, 6) for up in range(6)), key=lambda step: math.hypot(*step))
 SHORT_S = 0.1  # shorter than anybody takes to cross a cell
-ROW_INCHES = 0.22
 SIGN: dict[str, Any] = {"color": "0.35", "marker": "o", "markersize": 3}  # grey for objects of any colour
 FAINTEST_TRAIL = 0.2  # where the scale of trails begins: what is paler cannot be told from the floor
-NOT_SEEN: dict[str, Any] = {"facecolor": "0.96", "edgecolor": "0.75", "hatch": "////", "linewidth": 0}
-PALE = 0.25  # how much of an object's colour its free places have
 LONE_COLOUR: Colour = (0.90, 0.62, 0.0)
-UNCERTAIN_COLOUR: Colour = (0.0, 0.85, 0.85)
+UNCERTAIN_COLOUR: Colour = (0.0, 0.8, 1.0)
 BASE_LEGEND = [(BLACK, "static"), (WHITE, "free"), UNEXPLORED]
 
 
-def draw_objects(found: FoundObjects, *, title: str = "") -> Figure:
+def draw_objects(found: FoundObjects | History, *, title: str = "", axes: Axes | None = None) -> Figure:
     """Walls, places and objects: each object has a colour, a number, and a line from place to place (Fig. 13).
 
     Parameters
     ----------
-    found : FoundObjects
+    found : FoundObjects or History
+        In a history, objects are found first, by the method ``evidence``.
     title : str
         Put before what is shown.
+    axes : matplotlib.axes.Axes, optional
+        Where to draw, with the legend below. Default: axes that fit, in a figure of their own.
 
     Returns
     -------
     matplotlib.figure.Figure
         Axes in metres, map frame, y up. Places that are part of no object have a colour of their own. A dotted line
         leads to a place that was hardly ever seen free (`Configuration.hypothesis`).
+
+    Examples
+    --------
+    >>> from tempog import build_grid
+    >>> from tempog.simulation import corridor, simulate
+    >>> grid = build_grid(simulate(corridor()).scans)
+    >>> draw_objects(grid, title="corridor").axes[0].get_title(loc="left")
+    'corridor · 1 object, method evidence'
     """
-    _, extent = cropped(_cells(found), found.extent)
-    figure, axes = canvas(*extent.shape, has_bar=False)
-    paint_objects(axes, found)
-    axes.set_title(" · ".join(part for part in (title, counts(found)) if part), fontsize=9, loc="left")
-    add_legend(figure, [*base_legend([found]), *lone_legend([found])], object_signs([found]))
-    return figure
+    found = as_found(found)
+    _, extent = cropped(object_cells(found), found.extent)
+    sheet = sheet_for(extent.shape, axes)
+    paint_objects(sheet.axes, found)
+    return sheet.label([title, counts(found)], [*base_legend([found]), *lone_legend([found])], object_signs([found]))
 
 
-def draw_high_dynamic(found: FoundObjects, *, title: str = "") -> Figure:
+def as_found(found: FoundObjects | History) -> FoundObjects:
+    """What was found, or is found now."""
+    return found if isinstance(found, FoundObjects) else find_objects(found)
+
+
+def draw_people(found: FoundObjects | History, *, title: str = "", axes: Axes | None = None) -> Figure:
     """Where things were on the move, and for how long: the trails of people (Fig. 11, over a whole period).
 
-    Each cell shows the time for which it was occupied by what is neither static nor in a place of its own.
+    Each cell shows the time for which it was occupied by what is neither static nor in a place of its own. Parameters
+    and result as of `draw_objects`.
+
+    Examples
+    --------
+    >>> from tempog import build_grid
+    >>> from tempog.simulation import corridor, simulate
+    >>> grid = build_grid(simulate(corridor(), duration_s=20.0).scans)
+    >>> draw_people(grid).axes[1].get_ylabel()  # of the scale of colours
+    'seconds occupied by something on the move'
     """
+    return people_drawing(as_found(found)).draw(title, axes)
+
+
+def people_drawing(found: FoundObjects) -> Drawing:
+    """What `draw_people` draws."""
     extent = found.history.extent
     seconds = np.zeros(extent.shape)
     for measured in found.high_dynamics():
@@ -104,79 +127,13 @@ def draw_high_dynamic(found: FoundObjects, *, title: str = "") -> Figure:
     colours = ScalarMappable(LogNorm(SHORT_S, longest_s), trails)
     moving = (seconds > 0) & (walls != CellClass.STATIC)
     rgb[moving] = colours.to_rgba(np.maximum(seconds[moving], SHORT_S))[:, :3]
-    rgb, shown = cropped(rgb, extent)
-    figure, axes = canvas(*shown.shape, has_bar=True)
-    show_map(axes, rgb, shown)
     what = f"on the move, method {found.method}"
-    axes.set_title(" · ".join(part for part in (title, what) if part), fontsize=9, loc="left")
-    bar = figure.colorbar(colours, ax=axes, shrink=0.8, pad=0.015, aspect=30, format="%g")
-    bar.set_label("seconds occupied by something on the move", fontsize=8)
-    bar.ax.tick_params(labelsize=8)
-    add_legend(figure, base_legend([found]))
-    return figure
-
-
-def draw_timeline(found: FoundObjects, *, title: str = "") -> Figure:
-    """When each place of each object was occupied, when free, and when nobody looked.
-
-    A row per place, the rows of one object beside each other in its colour: full where it was occupied, pale where
-    it was free, and hatched grey where it was not seen. At the right, the share of the time the object was seen in
-    which it was there, and how often it moved. Times are from the log's start, in windows too; long pauses without
-    scans, between sessions, are narrow and white, and times are dates then, if the log has any.
-    """
-    rows = [(k, one, place) for k, one in enumerate(found.objects) for place in one.configurations]
-    start_ns = int(found.history.stamps_ns[0])
-    first_s, stop_s = (
-        (int(found.history.stamps_ns[k]) - start_ns) / NS_PER_S
-        for k in (found.history.first_scan, found.history.last_scan)
-    )
-    stop_s = max(stop_s, first_s + 1e-3)
-    figure = Figure(
-        figsize=(LONGEST_SIDE_INCHES, 1.2 + ROW_INCHES * max(len(rows), 5)), dpi=160, layout="constrained"
-    )
-    axes = figure.add_subplot()
-    for y, (k, _, place) in enumerate(rows):
-        axes.broken_barh([(first_s, stop_s - first_s)], (y - 0.4, 0.8), **NOT_SEEN)
-        for state, pale in (("occupied", 1.0), ("free", PALE)):
-            spans = [
-                ((start - start_ns) / NS_PER_S, (stop - start) / NS_PER_S)
-                for start, stop, at in place.periods
-                if at == state
-            ]
-            axes.broken_barh(spans, (y - 0.4, 0.8), facecolor=_paler(object_colour(k), pale), linewidth=0)
-    labels = [
-        f"object {one.id}, place {place.id} ({place.centre_m[0]:.1f}, {place.centre_m[1]:.1f})"
-        for _, one, place in rows
-    ]
-    axes.set_yticks(range(len(rows)), labels, fontsize=7)
-    axes.set_ylim(max(len(rows), 1) - 0.5, -0.5)
-    set_time_axis(axes, found.history.stamps_ns[found.history.first_scan : found.history.last_scan + 1], start_ns)
-    summary = axes.secondary_yaxis("right")
-    summary.set_yticks(range(len(rows)), [_course_text(one, place) for _, one, place in rows], fontsize=7)
-    summary.tick_params(length=0)
-    axes.set_title(" · ".join(part for part in (title, counts(found)) if part), fontsize=9, loc="left")
-    if rows:
-        axes.set_title("share of the time the object was seen, moves", fontsize=7, loc="right")
-    else:
-        nothing = "No objects were found, so there are no times to show."
-        axes.text(0.5, 0.5, nothing, transform=axes.transAxes, ha="center", va="center", fontsize=9)
-    colour = object_colour(0)
-    states = [(colour, "occupied"), (_paler(colour, PALE), "free")]
-    add_legend(figure, states, [Patch(**NOT_SEEN, label="not seen")])
-    return figure
-
-
-def _course_text(one: MovingObject, place: Configuration) -> str:
-    """Share of the time seen in a place; for the first place also how often the object moved."""
-    text = f"{one.shares[place.id]:.0%}"
-    if place is one.configurations[0]:
-        text += f", {one.n_moves} move{'s' * (one.n_moves != 1)}"
-    return f"{text}, hypothesis" if place.hypothesis else text
+    return Drawing(rgb, extent, what, base_legend([found]), colours, "seconds occupied by something on the move")
 
 
 def paint_objects(axes: Axes, found: FoundObjects) -> None:
     """`draw_objects` on given axes, without title and legend."""
-    rgb, extent = cropped(_cells(found), found.extent)
+    rgb, extent = cropped(object_cells(found), found.extent)
     show_map(axes, rgb, extent)
     centres_m = [np.mean([place.centre_m for place in one.configurations], axis=0) for one in found.objects]
     offsets = label_offsets(axes, centres_m, extent)
@@ -209,9 +166,7 @@ def counts(found: FoundObjects) -> str:
 def label_offsets(axes: Axes, centres_m: Sequence[NDArray[np.float64]], extent: Extent) -> list[tuple[float, float]]:
     """Where numbers stand, in points from their objects: the nearest place that is free, towards the map's middle."""
     x_min, x_max, y_min, y_max = extent.bounds
-    figure = axes.get_figure(root=True)
-    assert figure is not None
-    box, (width, height) = axes.get_position(), figure.get_size_inches()
+    box, (width, height) = axes.get_position(), figure_of(axes).get_size_inches()
     points_per_m = 72 * min(box.width * width / (x_max - x_min), box.height * height / (y_max - y_min))
     taken: list[tuple[float, float]] = []
     offsets = []
@@ -275,12 +230,8 @@ def object_signs(pictures: Sequence[FoundObjects]) -> list[Artist]:
     return signs
 
 
-def _paler(colour: Colour, share: float) -> Colour:
-    red, green, blue = (1 - share * (1 - part) for part in colour)
-    return red, green, blue
-
-
-def _cells(found: FoundObjects) -> Rgb:
+def object_cells(found: FoundObjects) -> Rgb:
+    """A colour for each cell: the static map with the places of objects."""
     rgb = _base(found.walls)
     coloured = [(place, LONE_COLOUR) for place in found.unassociated]
     coloured += [(place, object_colour(k)) for k, one in enumerate(found.objects) for place in one.configurations]

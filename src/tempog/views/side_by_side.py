@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from tempog.analysis.find_objects import FoundObjects
 from tempog.simulation import Simulation
 from tempog.views.canvas import BLACK, UNEXPLORED, WHITE, add_legend, cropped, show_map
-from tempog.views.figures import classic_rgb
+from tempog.views.maps import classic_rgb
 from tempog.views.objects import counts, lone_legend, object_signs, paint_objects, uncertain_legend
 from tempog.views.worlds import bounds, paint_world, world_legend
 
@@ -27,7 +27,7 @@ class Row(NamedTuple):
     found: FoundObjects
 
 
-def draw_side_by_side(rows: Sequence[Row]) -> Figure:
+def draw_table_1(rows: Sequence[Row]) -> Figure:
     """The simulated world, the map with objects, and the classic occupancy grid, a row per experiment (Table I).
 
     A single experiment in a world that is much wider than high has its three pictures below each other.
@@ -36,6 +36,15 @@ def draw_side_by_side(rows: Sequence[Row]) -> Figure:
     -------
     matplotlib.figure.Figure
         Axes in metres, map frame, y up.
+
+    Examples
+    --------
+    >>> from tempog import build_grid, find_objects
+    >>> from tempog.simulation import corridor, simulate
+    >>> simulation = simulate(corridor())
+    >>> row = Row("no people", simulation, find_objects(build_grid(simulation.scans)))
+    >>> [axes.get_title(loc="left") for axes in draw_table_1([row]).axes]
+    ['no people · simulated world', 'no people · 1 object, method evidence', 'no people · classic occupancy grid']
     """
     low, high = bounds(rows[0].simulation.world)
     width, height = high - low

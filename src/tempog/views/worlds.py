@@ -11,20 +11,20 @@ from matplotlib.patches import Circle, Polygon
 from numpy.typing import NDArray
 
 from tempog.simulation import Simulation, World
-from tempog.views.canvas import BLACK, Colour, add_legend, canvas
+from tempog.views.canvas import BLACK, Colour, sheet_for
 
 RED: Colour = (0.80, 0.10, 0.12)
-PALE_RED: Colour = (0.96, 0.66, 0.64)
+PALE_RED: Colour = (0.98, 0.58, 0.67)
 BLUE: Colour = (0.0, 0.45, 0.70)
-PALE_BLUE: Colour = (0.65, 0.82, 0.93)
-CYAN: Colour = (0.25, 0.78, 0.80)
+PALE_BLUE: Colour = (0.57, 0.57, 1.0)
+CYAN: Colour = (0.0, 0.8, 1.0)
 YELLOW: Colour = (0.93, 0.75, 0.0)
 GREEN: Colour = (0.0, 0.62, 0.45)
 DRAWN_AT_M = 0.05  # the canvas is as large as for a map of this resolution
 MARGIN_M = 0.5
 
 
-def draw_world(simulation: Simulation, *, title: str = "") -> Figure:
+def draw_world(simulation: Simulation, *, title: str = "", axes: Axes | None = None) -> Figure:
     """The simulated environment from above (Fig. 12).
 
     Parameters
@@ -32,21 +32,27 @@ def draw_world(simulation: Simulation, *, title: str = "") -> Figure:
     simulation : Simulation
     title : str
         Put before the world's name.
+    axes : matplotlib.axes.Axes, optional
+        Where to draw, with the legend below. Default: axes that fit, in a figure of their own.
 
     Returns
     -------
     matplotlib.figure.Figure
         Axes in metres, map frame, y up. Doors are red, boxes blue, in their first place in full colour and in
         the others pale; glass is cyan; the robot's way is yellow; people are where they were at the start.
+
+    Examples
+    --------
+    >>> from tempog.simulation import corridor, simulate
+    >>> draw_world(simulate(corridor(), duration_s=1.0)).axes[0].get_title(loc="left")
+    'world corridor'
     """
     low, high = bounds(simulation.world)
     n_cols, n_rows = np.ceil((high - low) / DRAWN_AT_M).astype(int).tolist()
-    figure, axes = canvas(n_rows, n_cols, has_bar=False)
-    paint_world(axes, simulation)
-    add_legend(figure, [(BLACK, "wall"), *world_legend([simulation])])
+    sheet = sheet_for((n_rows, n_cols), axes)
+    paint_world(sheet.axes, simulation)
     shown = f"world {simulation.world.name or 'without a name'}"
-    axes.set_title(" · ".join(part for part in (title, shown) if part), fontsize=9, loc="left")
-    return figure
+    return sheet.label([title, shown], [(BLACK, "wall"), *world_legend([simulation])])
 
 
 def world_legend(simulations: Sequence[Simulation]) -> list[tuple[Colour, str]]:

@@ -22,6 +22,7 @@ from tempog.cli import (
     merge,
     objects,
     prune,
+    report,
     show,
     simulate,
 )
@@ -48,6 +49,7 @@ app.command("compact")(compact.compact)
 app.command("prune")(prune.prune)
 app.command("diff")(diff.diff)
 app.command("export")(export.export)
+app.command("report")(report.report)
 app.command("simulate")(simulate.simulate)
 app.command("evaluate")(evaluate.evaluate)
 app.command("experiment")(experiment.experiment)

@@ -181,9 +181,7 @@ def draw_classic(history: History, *, title: str = "", axes: Axes | None = None)
     >>> draw_classic(grid).axes[0].get_title(loc="left").split(", ")[0]
     'classic occupancy grid'
     """
-    legend = list(STATE_LEGEND)
-    title_of = f"classic occupancy grid, {period_text(history)}"
-    return Drawing(classic_rgb(history), history.extent, title_of, legend).draw(title, axes)
+    return classic_drawing(history).draw(title, axes)
 
 
 def occupancy_drawing(history: History, at: Moment | None = None, hold: float = math.inf) -> Drawing:
@@ -226,6 +224,12 @@ def dynamics_drawing(history: History) -> Drawing:
     legend = [(BLACK, "static"), (WHITE, "free"), UNEXPLORED]
     label = f"mean absolute deviation of P(occupied); under {FAINT_DYNAMICS:g} uncoloured"
     return Drawing(rgb, history.extent, f"dynamics, {period_text(history)}", legend, colours, label)
+
+
+def classic_drawing(history: History) -> Drawing:
+    """What `draw_classic` draws."""
+    title = f"classic occupancy grid, {period_text(history)}"
+    return Drawing(classic_rgb(history), history.extent, title, list(STATE_LEGEND))
 
 
 def classic_rgb(history: History) -> Rgb:

@@ -141,7 +141,7 @@ def paint_objects(axes: Axes, found: FoundObjects) -> None:
         colour = object_colour(k)
         centres = np.array([place.centre_m for place in one.configurations])
         # A line along the shortest way through them; an object of one place has its number alone.
-        order = _chain(centres)
+        order = chain(centres)
         style = ":" if any(place.hypothesis for place in one.configurations) else "-"
         axes.plot(*centres[order].T, color=colour, linewidth=1.6, linestyle=style, marker="o", markersize=3)
         axes.annotate(
@@ -245,7 +245,7 @@ def _rows_cols(found: FoundObjects, place: Configuration) -> tuple[NDArray[np.in
     return place.cells[:, 0] - extent.row0, place.cells[:, 1] - extent.col0
 
 
-def _chain(centres: NDArray[np.float64]) -> list[int]:
+def chain(centres: NDArray[np.float64]) -> list[int]:
     """Points in the order of a walk that goes from each to the nearest one left, from the first on."""
     order, left = [0], list(range(1, len(centres)))
     while left:

@@ -1,0 +1,1 @@
+"""A page about a map that needs nothing but itself; see `tempog.views.report.page`."""

@@ -156,7 +156,7 @@ def columns_of(path):
 
 def test_a_strip_is_full_where_the_object_was_and_bare_where_nobody_looked(grid):
     (one,) = find_objects(grid).objects
-    strip = str(Strips(grid).of_object(one, (0.0, 0.0, 1.0)))
+    strip = str(Strips.of(grid).of_object(one, (0.0, 0.0, 1.0)))
     seen, *lanes = (columns_of(path) for path in re.findall(r'<path d="([^"]*)"', strip))
     assert len(lanes) == len(one.configurations)
     middles = grid.start_ns + (np.arange(N_COLUMNS) + 0.5) / N_COLUMNS * grid.duration_s * 1e9

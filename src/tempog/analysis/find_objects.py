@@ -20,6 +20,7 @@ from tempog.errors import ConfigError
 from tempog.grid.history import History
 from tempog.methods import METHODS, EvidenceConfig, Method, PaperConfig
 from tempog.sensing.grid_spec import Extent
+from tempog.texts import counted
 from tempog.times import Moment
 
 if TYPE_CHECKING:
@@ -54,6 +55,17 @@ class FoundObjects:
     extent: Extent
     configurations: tuple[Configuration, ...]
     objects: tuple[MovingObject, ...]
+
+    def __repr__(self) -> str:
+        n_objects, n_lone = len(self.objects), len(self.unassociated)
+        objects, places = counted(n_objects, "object", "objects"), counted(n_lone, "place", "places")
+        return f"<FoundObjects: {objects}, {places} in no object, method {self.method}>"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from tempog.views.notebook import found_html, shown
+
+        return shown(self, found_html)
 
     @property
     def unassociated(self) -> tuple[Configuration, ...]:

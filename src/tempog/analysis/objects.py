@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tempog.analysis.configurations import Configuration
 from tempog.analysis.series_kernels import intersect
 from tempog.methods import PaperConfig
+from tempog.texts import counted
 from tempog.times import NS_PER_S
 
 GAP_S = 1.0  # shorter, some beams missed what was in view
@@ -75,6 +76,16 @@ class MovingObject:
     both_s: float
     confidence: float | None
     rivals: tuple[int, ...] = ()
+
+    def __repr__(self) -> str:
+        places, moves = counted(len(self.configurations), "place", "places"), counted(self.n_moves, "move", "moves")
+        return f"<MovingObject {self.id}: {places}, {moves}>"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from tempog.views.notebook import object_html, shown
+
+        return shown(self, object_html)
 
     @cached_property
     def stays(self) -> tuple[ObjectStay, ...]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tempog.config import DEFAULT_GAP_S, MapConfig
 from tempog.errors import ConfigError, EmptyWindowError, MomentError, TimeError
+from tempog.grid.presented import Presented
 from tempog.grid.segments import Runs, count_overlapping, join, latest_states
 from tempog.scans.scan import scan_period_s
 from tempog.sensing.grid_spec import Bounds, Extent
@@ -115,7 +116,7 @@ class Changes(NamedTuple):
     after: NDArray[np.float32]
 
 
-class History(ABC):
+class History(Presented, ABC):
     """A temporal occupancy grid to ask questions of.
 
     Attributes

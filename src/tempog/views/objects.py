@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from tempog.analysis.configurations import Configuration
 from tempog.analysis.find_objects import FoundObjects, find_objects
+from tempog.analysis.objects import MovingObject
 from tempog.analysis.static import CellClass
 from tempog.grid.history import History
 from tempog.sensing.grid_spec import Extent
@@ -161,6 +162,13 @@ def counts(found: FoundObjects) -> str:
     objects, others = "object" + "s" * (n_objects != 1), "place" + "s" * (n_others != 1)
     lone = f", {n_others} {others} in no object" if n_others else ""
     return f"{n_objects} {objects}{lone}, method {found.method}"
+
+
+def place_text(one: MovingObject, place: int | None) -> str:
+    """A state of an object, in words."""
+    if place is None:
+        return "away" if len(one.configurations) == 1 else "unclear"
+    return f"place {place}"
 
 
 def label_offsets(axes: Axes, centres_m: Sequence[NDArray[np.float64]], extent: Extent) -> list[tuple[float, float]]:

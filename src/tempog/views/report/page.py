@@ -82,7 +82,7 @@ def report_page(
 def _document(
     title: str, history: History, saved: SavedMap | None, found: FoundObjects, poses: PoseConsistency | None
 ) -> str:
-    strips = Strips(history)
+    strips = Strips.of(history)
     style = (files("tempog.views.report") / "style.css").read_text(encoding="utf-8")
     head = tag(
         "head",

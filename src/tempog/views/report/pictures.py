@@ -106,9 +106,9 @@ def aspect(extent: Extent) -> float:
     return extent.n_cols / extent.n_rows
 
 
-def swatch(colour: Colour) -> Html:
-    """A little square of a colour."""
-    return tag("span", class_="swatch tinted", style=f"background:{to_hex(colour)}")
+def swatch(colour: Colour, style: str = "") -> Html:
+    """A little square of a colour; where no style sheet gives it a size, `style` does."""
+    return tag("span", class_="swatch tinted", style=f"{style}background:{to_hex(colour)}")
 
 
 def png_address(rgb: Rgb, transparent: bool = True) -> str:

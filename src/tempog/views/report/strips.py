@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
+from typing import Self
 
 import numpy as np
 from matplotlib.colors import to_hex
@@ -19,20 +20,28 @@ from tempog.views.timeline import PALE
 
 N_COLUMNS = 600  # that the time is divided into: what is shorter is drawn as wide as one
 LANE = 10  # height of the row of one place
+STRIP_STYLE = (  # hatched where nothing is drawn
+    "display:block;width:100%;border-radius:2px;"
+    "background:repeating-linear-gradient(45deg,#fff 0 3px,#d4d6da 3px 4px);"
+)
 
 
 class Strips:
-    """The common time axis of a report: the period of a history, with long pauses without scans narrow."""
+    """A time axis for rows that belong together: the period of some scans, with long pauses between them narrow."""
 
-    def __init__(self, history: History) -> None:
-        stamps = history.stamps_ns[history.first_scan : history.last_scan + 1]
-        self.start_ns, self.period_ns = history.start_ns, (int(stamps[0]), int(stamps[-1]))
+    def __init__(self, stamps: NDArray[np.int64], start_ns: int) -> None:
+        self.start_ns, self.period_ns = start_ns, (int(stamps[0]), int(stamps[-1]))
         self.dated = is_unix_time(self.start_ns)
         self._days_apart = self._day(self.period_ns[0]) != self._day(self.period_ns[1])
         self._axis = driven_time((stamps - self.start_ns) / NS_PER_S)
         self.pauses_ns = [
             (self.start_ns + round(a * NS_PER_S), self.start_ns + round(b * NS_PER_S)) for a, b in self._axis.pauses_s
         ]
+
+    @classmethod
+    def of(cls, history: History) -> Self:
+        """The axis of a history's period."""
+        return cls(history.stamps_ns[history.first_scan : history.last_scan + 1], history.start_ns)
 
     def moment(self, stamp_ns: int | None) -> str:
         """A stamp in a table: a time of day, with the date if the period has several; "-" for never."""
@@ -91,7 +100,7 @@ class Strips:
             begin, end = self._columns(start, stop)
             pauses[begin:end] = True
         if pauses.any():
-            shapes = [*shapes, tag("path", d=_path(_stretches(pauses), 0, height), class_="pause")]
+            shapes = [*shapes, tag("path", d=_path(_stretches(pauses), 0, height), fill="#fff")]
         return tag(
             "svg",
             tag("title", text),
@@ -99,7 +108,7 @@ class Strips:
             class_="strip tinted",
             viewBox=f"0 0 {N_COLUMNS} {height}",
             preserveAspectRatio="none",
-            style=f"height:{max(height, LANE) / LANE * 0.6:.1f}rem",
+            style=f"{STRIP_STYLE}height:{height / LANE * 0.6:.1f}rem",
             role="img",
         )
 

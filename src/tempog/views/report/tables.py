@@ -12,7 +12,6 @@ import numpy as np
 
 from tempog._version import __version__
 from tempog.analysis.find_objects import FoundObjects
-from tempog.analysis.objects import MovingObject
 from tempog.analysis.pose_consistency import PoseConsistency
 from tempog.grid.history import History
 from tempog.store.manifest import FORMAT_VERSION
@@ -20,7 +19,7 @@ from tempog.store.saved_map import SavedMap
 from tempog.texts import bytes_text, count_text, counted, duration_text
 from tempog.times import NS_PER_S, format_moment
 from tempog.views.markup import Html, joined, tag
-from tempog.views.objects import object_colour
+from tempog.views.objects import object_colour, place_text
 from tempog.views.report.pictures import swatch
 from tempog.views.report.strips import Strips
 
@@ -91,7 +90,7 @@ def _object_row(found: FoundObjects, k: int, strips: Strips) -> Html:
     ]
     rest = one.shares.get(None, 0.0)
     if rest >= LEAST_SHARE:
-        places.append(tag("li", f"{_place_text(one, None)}: {rest:.0%}"))
+        places.append(tag("li", f"{place_text(one, None)}: {rest:.0%}"))
     guessed = [str(place.id) for place in one.configurations if place.hypothesis]
     if guessed:
         places.append(tag("li", f"place {', '.join(guessed)}: hardly ever seen free, a hypothesis", class_="doubt"))
@@ -99,7 +98,7 @@ def _object_row(found: FoundObjects, k: int, strips: Strips) -> Html:
         joined(swatch(colour), f" {one.id}"),
         tag("ul", *places),
         str(one.n_moves),
-        _place_text(one, last.configuration) if last else "unclear",
+        place_text(one, last.configuration) if last else "unclear",
         strips.moment(last.start_ns if last else None),
         strips.moment(last.stop_ns if last else last_ns),
         duration_text(one.seen_s),
@@ -124,12 +123,6 @@ def _point_text(point_m: tuple[float, float]) -> str:
     """
     x, y = (round(value, 1) + 0.0 for value in point_m)
     return f"({x:.1f}, {y:.1f}) m"
-
-
-def _place_text(one: MovingObject, place: int | None) -> str:
-    if place is None:
-        return "away" if len(one.configurations) == 1 else "unclear"
-    return f"place {place}"
 
 
 def quality(history: History, saved: SavedMap | None, poses: PoseConsistency | None, strips: Strips) -> Html:

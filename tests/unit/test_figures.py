@@ -88,7 +88,8 @@ def test_all_but_layers_and_tables_are_drawn_on_given_axes_with_the_legend_below
         left, right = whole.subplots(1, 2)
         assert getattr(figures, name)(*given, title="mine", axes=left) is whole
         whole.draw_without_rendering()
-        assert left.get_title(loc="left").startswith("mine · ")
+        assert left.get_title(loc="left").replace("\n", " ").startswith("mine · ")
+        assert left._left_title.get_window_extent().x1 < right.get_window_extent().x0, name
         below, ticks = left.get_legend().get_window_extent(), left.xaxis.get_tightbbox()
         assert 0 <= below.y0 < below.y1 <= ticks.y0, name
         assert not whole.legends

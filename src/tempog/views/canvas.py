@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
@@ -30,6 +31,7 @@ LONGEST_SIDE_PX = (900, 3600)  # a small map is still readable, a large one stil
 LEGEND_INCHES = (0.6, 0.068)  # of an entry: its patch with the gaps, and each character of its text
 LONGEST_SIDE_INCHES = 9.0  # text keeps its size relative to the picture, whatever the resolution
 TITLE_POINTS = 9
+TITLE_CHARACTERS = 20  # of a line, however narrow axes are
 BELOW_AXES_POINTS = 28  # what the labels of an axis take up
 
 
@@ -44,12 +46,15 @@ class Sheet(NamedTuple):
         self, titles: Sequence[str], entries: Sequence[tuple[Colour, str]], signs: Sequence[Artist] = ()
     ) -> Figure:
         """What is shown, and below the picture, so that nothing is covered, colours and signs with their meaning."""
-        self.axes.set_title(" · ".join(part for part in titles if part), fontsize=TITLE_POINTS, loc="left")
+        title = " · ".join(part for part in titles if part)
         if self.own:
+            self.axes.set_title(title, fontsize=TITLE_POINTS, loc="left")
             add_legend(self.figure, entries, signs)
             return self.figure
-        handles = legend_handles(entries, signs)
         width_inches = float(self.axes.get_position().width * self.figure.get_figwidth())
+        lines = textwrap.wrap(title, max(int(width_inches / LEGEND_INCHES[1]), TITLE_CHARACTERS))
+        self.axes.set_title("\n".join(lines), fontsize=TITLE_POINTS, loc="left")  # beside other axes
+        handles = legend_handles(entries, signs)
         n_columns = legend_columns([str(handle.get_label()) for handle in handles], width_inches)
         below = offset_copy(self.axes.transAxes, self.figure, y=-BELOW_AXES_POINTS, units="points")
         self.axes.legend(

@@ -76,9 +76,10 @@ def picture(
         keys.append(_colour_scale(drawing.colours, drawing.colours_label))
     return tag(
         "figure",
-        tag("div", *parts, class_="map tinted", style=f"--aspect:{aspect(extent):.3f}"),
+        tag("div", *parts, class_="map tinted"),
         tag("figcaption", tag("strong", title), tag("br"), caption),
         tag("ul", *keys, class_="keys"),
+        style=f"--aspect:{aspect(extent):.3f}",
     )
 
 
@@ -94,10 +95,9 @@ def objects_picture(found: FoundObjects) -> Html:
         signs.append(Sign(str(one.id), object_colour(k), x, y))
     legend = [*base_legend([found]), *lone_legend([found])]
     drawing = Drawing(object_cells(found), found.extent, counts(found), legend)
-    caption = (
-        "Each object has a colour and a number, as in the table; a line joins its places. A dotted line leads to a"
-        " place that was hardly ever seen free."
-    )
+    caption = "Each object has a colour and a number, as in the table; a line joins its places."
+    if any(place.hypothesis for one in found.objects for place in one.configurations):
+        caption += " A dotted line leads to a place that was hardly ever seen free."
     return picture(drawing, counts(found), caption, wide=True, signs=signs, lines=joined(*lines))
 
 

@@ -31,6 +31,7 @@ from tempog.views.objects import (
 LONGEST_SIDE_CELLS = 1600  # of an embedded image; a map of more cells is thinned out
 FEW_CELLS = 1000  # across: with more, cells are smaller than pixels on most screens
 MOST_NUMBERED = 256  # that a PNG can number
+CROWD = 60  # numbers on a picture, from which on they are small
 SCALE_STEPS = 12  # colours of a gradient
 SCALE_SHARE = 5  # the scale bar is at most such a part of the width
 
@@ -76,7 +77,7 @@ def picture(
         keys.append(_colour_scale(drawing.colours, drawing.colours_label))
     return tag(
         "figure",
-        tag("div", *parts, class_="map tinted"),
+        tag("div", *parts, class_="map tinted crowded" if len(signs) > CROWD else "map tinted"),
         tag("figcaption", tag("strong", title), tag("br"), caption),
         tag("ul", *keys, class_="keys"),
         style=f"--aspect:{aspect(extent):.3f}",

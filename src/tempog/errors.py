@@ -16,7 +16,8 @@ TempogError
 ├── DatasetError        a public log that cannot be fetched, or is not the one it was
 ├── ExtraError          a package that only some of tempog needs is not installed
 ├── AnswerError         found objects that cannot be read, or not be judged
-└── ClusterError        workers that cannot be reached, or that lost what they were given
+├── ClusterError        workers that cannot be reached, or that lost what they were given
+└── ViewerError         a viewer of somebody else's that cannot be started
 
 Every message says what was seen, what was wanted and what to do. The library raises these and never
 prints; the command line shows the message alone, without a traceback.
@@ -89,3 +90,7 @@ class AnswerError(TempogError, ValueError):
 
 class ClusterError(TempogError):
     """A cluster that cannot be reached or used, or that was lost in the middle of the work."""
+
+
+class ViewerError(TempogError):
+    """Somebody else's viewer that cannot be started, or that ends with an error."""

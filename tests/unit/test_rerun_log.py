@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from tempog import ConfigError, MapError, Scan, TemporalGrid, TimeError, build_grid, find_objects
-from tempog.errors import ExtraError
+from tempog.errors import ExtraError, ViewerError
 from tempog.grid.history import OCCUPIED_ABOVE
 from tempog.sensing.grid_spec import Extent
 from tempog.simulation import corridor, simulate
+from tempog.views import rerun_log
 from tempog.views.rerun_log import FREE, OCCUPIED, UNKNOWN, log_to_rerun, thinned_states
 
 
@@ -116,6 +117,19 @@ def test_a_file_is_written_whole_and_replaced_only_when_told(grid, tmp_path, mon
     monkeypatch.undo()
     log_to_rerun(grid, found, rrd=path, force=True, every_s=60.0)
     assert path.stat().st_size > 10_000
+
+
+def test_a_viewer_of_this_machine_s_own_gets_the_whole_recording(grid, tmp_path, monkeypatch):
+    pytest.importorskip("rerun", reason="rerun-sdk is not installed")
+    assert rerun_log.VIEWER[rerun_log.VIEWER.index("--bind") + 1] == "127.0.0.1"
+    copy = f"import shutil, sys; shutil.copy(sys.argv[-1], {str(tmp_path / 'got.rrd')!r})"
+    monkeypatch.setattr(rerun_log, "VIEWER", (sys.executable, "-c", copy))
+    log_to_rerun(grid, every_s=60.0)
+    assert "/world/map" in read(tmp_path / "got.rrd")[1]
+    fail = "import sys; sys.stderr.write('no screen\\n'); sys.exit(3)"
+    monkeypatch.setattr(rerun_log, "VIEWER", (sys.executable, "-c", fail))
+    with pytest.raises(ViewerError, match=r"ended with code 3: no screen; .* write a file"):
+        log_to_rerun(grid, every_s=60.0)
 
 
 def test_what_cannot_be_logged_says_why(grid, tmp_path, monkeypatch):

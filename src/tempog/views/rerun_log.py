@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 import os
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -15,7 +18,7 @@ from tempog._extras import need
 from tempog._files import whole_file
 from tempog.analysis.find_objects import FoundObjects, find_objects
 from tempog.analysis.objects import MovingObject
-from tempog.errors import ConfigError, MapError
+from tempog.errors import ConfigError, MapError, ViewerError
 from tempog.grid.history import OCCUPIED_ABOVE, History
 from tempog.sensing.grid_spec import Extent
 from tempog.times import NS_PER_S, is_unix_time
@@ -35,6 +38,8 @@ PEOPLE_COLOUR = (214, 39, 40)
 ROBOT_COLOUR = (240, 190, 0)
 NOWHERE_COLOUR = (150, 150, 150)
 UNSEEN = ""  # what the viewer leaves a gap for
+# By itself the viewer takes data from any machine that can reach it; this one takes it from nobody else.
+VIEWER = (sys.executable, "-m", "rerun", "--bind", "127.0.0.1", "--port", "auto")
 ABOVE_M = 0.02  # from one layer to the next, so that none hides another
 ARROW_M = 0.5
 WIDE_VIEW = 2.4  # times as wide as high, of the map's view on a common screen
@@ -61,7 +66,8 @@ def log_to_rerun(
     found : FoundObjects, optional
         Default: found now, by the method ``evidence``.
     rrd : path, optional
-        The file to write, all of it or nothing. Default: a viewer is started on this machine.
+        The file to write, all of it or nothing. Default: a viewer is started on this machine; this returns when it
+        is closed.
     every_s : float, seconds, optional
         Time from one picture of the map to the next. Default: so that there are 200, or as many of a large map as the
         viewer can unpack to 400 MB, but at least 10.
@@ -78,6 +84,8 @@ def log_to_rerun(
         The file exists and `force` is not set.
     ConfigError
         `every_s` is no time.
+    ViewerError
+        The viewer cannot be started, as on a machine without a screen.
     TimeError
         There are no scans.
 
@@ -100,21 +108,37 @@ def log_to_rerun(
     if rrd is not None and Path(rrd).exists() and not force:
         raise MapError(f"{rrd} exists already; use --force (force=True) to replace it, or choose another name")
     found = found or find_objects(history)
-    recording = rerun.RecordingStream("tempog")
-    recording.set_log_time_enabled(False)  # when the map was logged is no part of its past
-    recording.set_log_tick_enabled(False)
-    recording.send_recording_name(name)
-    if rrd is None:
-        recording.spawn()
-        _Log(rerun, recording, history, found).all(every_s)
-        recording.flush()
+    if rrd is not None:
+        with whole_file(Path(rrd)) as unfinished:
+            _write(unfinished, rerun, history, found, every_s, name)
         return
-    with whole_file(Path(rrd)) as unfinished:
-        recording.save(unfinished)
-        try:
-            _Log(rerun, recording, history, found).all(every_s)
-        finally:
-            recording.disconnect()  # writes what is left, and closes the file
+    with TemporaryDirectory(prefix="tempog-") as folder:
+        path = Path(folder) / "map.rrd"
+        _write(path, rerun, history, found, every_s, name)
+        _show(path)
+
+
+def _write(path: Path, rerun: Any, history: History, found: FoundObjects, every_s: float | None, name: str) -> None:
+    recording = rerun.RecordingStream("tempog")
+    recording.save(path)
+    try:
+        recording.set_log_time_enabled(False)  # when the map was logged is no part of its past
+        recording.set_log_tick_enabled(False)
+        recording.send_recording_name(name)
+        _Log(rerun, recording, history, found).all(every_s)
+    finally:
+        recording.disconnect()  # writes what is left, and closes the file
+
+
+def _show(path: Path) -> None:
+    """Open a recording in a viewer, until that is closed."""
+    ended = subprocess.run([*VIEWER, str(path)], stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, check=False)
+    if ended.returncode:
+        said = ended.stderr.decode(errors="replace").strip().splitlines()
+        raise ViewerError(
+            f"the Rerun viewer ended with code {ended.returncode}: {said[-1] if said else 'it said nothing'};"
+            " where there is no screen, write a file (--rrd, rrd=) and open it elsewhere"
+        )
 
 
 class _Log:

@@ -26,7 +26,7 @@ from tempog import (
 from tempog.simulation import corridor, simulate
 from tempog.store.upkeep import prune
 from tempog.views.markup import VOID, Html, joined, tag
-from tempog.views.report.page import report_page
+from tempog.views.report import report_page
 from tempog.views.report.pictures import png_address
 from tempog.views.report.strips import N_COLUMNS, Strips
 

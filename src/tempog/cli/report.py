@@ -44,7 +44,7 @@ def report(
     if output.suffix.lower() not in SUFFIXES:
         raise ConfigError(f"{output} names no page; wanted a name that ends in {' or '.join(SUFFIXES)}")
     check_new_file(output, force)
-    from tempog.views.report.page import report_page
+    from tempog.views.report import report_page
 
     saved = opened(map_path, sessions, robots)
     with status("finding objects and drawing", wants_progress(quiet)):

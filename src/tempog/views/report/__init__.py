@@ -1,1 +1,5 @@
-"""A page about a map that needs nothing but itself; see `tempog.views.report.page`."""
+"""A page about a map that needs nothing but itself."""
+
+from tempog.views.report.page import report_page
+
+__all__ = ["report_page"]

@@ -102,6 +102,17 @@ def test_a_log_without_dates_is_told_in_seconds_from_its_start(tmp_path):
     assert [stamp_ns for stamp_ns, _ in robot] == [10**9, 2 * 10**9, 3 * 10**9]
 
 
+def test_nobody_is_shown_in_a_pause_without_scans(tmp_path):
+    pytest.importorskip("rerun", reason="rerun-sdk is not installed")
+    scans = simulate(corridor(), duration_s=15.0).scans
+    later = [Scan(s.t + 86_400, (s.x, s.y, s.theta), s.angles, s.ranges, s.max_range) for s in scans]
+    log_to_rerun(build_grid([*scans, *later]), rrd=tmp_path / "days.rrd", every_s=3600.0)
+    people = read(tmp_path / "days.rrd")[0]["/world/people"]
+    (gap,) = (k for k in range(len(people)) if people[k][0] == scans[-1].stamp_ns + 1)
+    assert np.array(people[gap][1]["Points3D:positions"]).size == 0
+    assert people[gap + 1][0] == later[0].stamp_ns
+
+
 def test_a_file_is_written_whole_and_replaced_only_when_told(grid, tmp_path, monkeypatch):
     pytest.importorskip("rerun", reason="rerun-sdk is not installed")
     path = tmp_path / "log.rrd"

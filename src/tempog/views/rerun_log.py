@@ -25,6 +25,7 @@ from tempog.times import NS_PER_S, is_unix_time
 from tempog.views.canvas import GREY, Colour, as_rgb, paler, thinned
 from tempog.views.maps import static_drawing
 from tempog.views.objects import object_colour
+from tempog.views.pauses import pauses_s
 from tempog.views.timeline import PALE
 
 TIMELINE = "time"
@@ -279,6 +280,10 @@ class _Log:
             self._at(measured.stamp_ns)
             self.to.log("world/people", self._points(measured.points_map, PEOPLE_COLOUR, 3 * ABOVE_M))
             self.to.log("activity/on_the_move", self.rr.Scalars([len(measured.cells) * area_m2]))
+        period = self.history.stamps_ns[self.history.first_scan : self.history.last_scan + 1]
+        for begin_s, _ in pauses_s((period - self.start_ns) / NS_PER_S).tolist():
+            self._at(self.start_ns + round(begin_s * NS_PER_S) + 1)  # nobody stands still for a pause without scans
+            self.to.log("world/people", self._points(np.empty((0, 2)), PEOPLE_COLOUR, 0.0))
 
     def _points(self, points_map: NDArray[np.float64], colour: Sequence[int], height_m: float) -> Any:
         """Cells as points of their size."""

@@ -241,9 +241,28 @@ class ObjectTracker:
             raise ConfigError(
                 f"the history has cells of {theirs_m:g} m, the tracker of {mine_m:g} m; they must agree"
             )
+        learned = learn_area(self.found, history, area, self._ids)
+        self.adopt(learned, area)
+        return learned[1]
+
+    @property
+    def ids(self) -> NextIds:
+        """The lowest ids that were never given."""
+        return self._ids
+
+    def adopt(self, what: tuple[FoundObjects, Learned, NextIds], area: Bounds) -> None:
+        """Follow from now on what `learn_area` says of an area: the part of `learn` that takes no time.
+
+        Parameters
+        ----------
+        what : FoundObjects, Learned, NextIds
+            The answer of `learn_area` for this tracker's `found` and `ids`, worked out in another process perhaps.
+        area : Bounds, metres
+            The one that was asked for.
+        """
         before = {place.id: k for k, place in enumerate(self.found.configurations)}
         state, doubted, since_ns, seen_ns = self._state, self._doubted, self._since_ns, self._seen_ns
-        found, learned, self._ids = learn_area(self.found, history, area, self._ids)
+        found, _, self._ids = what
         self._follow(found)
         for k, place in enumerate(found.configurations):
             if place.id in before:
@@ -256,7 +275,6 @@ class ObjectTracker:
         rows, cols = self.tiles.rows_cols(np.arange(self.tiles.n_cells, dtype=np.int32))
         inside = area.holds(self.tiles.spec.centres(rows, cols))
         self._unexplained.learned(np.flatnonzero(inside).astype(np.int32))
-        return learned
 
     @property
     def memory_bytes(self) -> int:
@@ -274,6 +292,16 @@ class ObjectTracker:
         """When enough of a place was seen last; None before."""
         k = self._index(configuration_id)
         return int(self._seen_ns[k]) if self._state[k] != UNKNOWN or self._doubted[k] != UNKNOWN else None
+
+    def states(self) -> dict[int, tuple[PlaceState | None, int | None]]:
+        """By the id of each place, what `state` and `last_seen_ns` say of it."""
+        known = (self._state != UNKNOWN) | (self._doubted != UNKNOWN)
+        return {
+            place.id: (NAMES.get(state), seen_ns if seen else None)
+            for place, state, seen_ns, seen in zip(
+                self.found.configurations, self._state.tolist(), self._seen_ns.tolist(), known.tolist(), strict=True
+            )
+        }
 
     def where(self, object_id: int) -> int | None:
         """The id of the place that an object was seen in last; None if it was seen in none, or has left it since."""

@@ -14,6 +14,7 @@ TempogError
 ├── MessageError        bytes that are no message of the type they should be
 ├── TransformError      no way from one frame to another, or not at that time
 ├── DatasetError        a public log that cannot be fetched, or is not the one it was
+├── LinkError           a robot, a router or a master that cannot be reached
 ├── ExtraError          a package that only some of tempog needs is not installed
 ├── AnswerError         found objects that cannot be read, or not be judged
 ├── ClusterError        workers that cannot be reached, or that lost what they were given
@@ -78,6 +79,10 @@ class TransformError(TempogError, LookupError):
 
 class DatasetError(TempogError):
     """A public log that cannot be fetched, or is not the one it was."""
+
+
+class LinkError(TempogError, ConnectionError):
+    """A robot, a Zenoh router or a ROS master that cannot be reached."""
 
 
 class ExtraError(TempogError, ImportError):

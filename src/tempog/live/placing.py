@@ -1,0 +1,159 @@
+"""Sweeps that wait for their transforms, and become scans."""
+
+from __future__ import annotations
+
+import bisect
+import math
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+from tempog.errors import ScanError, TransformError
+from tempog.ros.messages import StampedTransform, Sweep
+from tempog.ros.transforms import TransformBuffer
+from tempog.scans.scan import Scan
+from tempog.scans.sweep import scan_of
+from tempog.times import NS_PER_S
+
+KEEP_S = 30.0  # of transforms; sweeps wait for a fraction of a second
+FIXED_FRAMES = ("map", "odom")  # where nobody says which: the first that the laser is connected with
+CHOOSE_S = 5.0  # s; a localisation that has just started connects map and odom by then
+MOST_WAITING = 1000  # sweeps; a bound for who sets `wait_s` to minutes
+
+
+class Waiting(NamedTuple):
+    """A sweep that waits: since when, by our clock, and for which topic it came."""
+
+    stamp_ns: int
+    number: int
+    since_s: float
+    sweep: Sweep
+    topic: str
+
+
+class Placing:
+    """Gives sweeps their poses once the transforms for that are there.
+
+    A sweep waits until the laser's pose is known up to its last ray. After `wait_s` it is placed by the latest pose,
+    if that is within the buffer's `extrapolate_s` of it, or else dropped. No laser waits for another.
+
+    Parameters
+    ----------
+    fixed_frame : str
+        To map in; empty for the first of map and odom that turns out to be there.
+    wait_s : float, seconds
+    buffer : TransformBuffer, optional
+
+    Attributes
+    ----------
+    fixed_frame : str
+        Empty until it is known.
+    n_dropped : int
+        Sweeps that could not be placed.
+    why : str
+        Why the last of them could not.
+    """
+
+    def __init__(self, fixed_frame: str = "", wait_s: float = 0.2, buffer: TransformBuffer | None = None) -> None:
+        self.fixed_frame = fixed_frame
+        self.buffer = TransformBuffer(keep_s=KEEP_S) if buffer is None else buffer
+        self.n_dropped = 0
+        self.why = ""
+        self._wait_s = wait_s
+        self._waiting: list[Waiting] = []
+        self._n = 0
+        self._first_s = math.nan
+        self._newest_ns: dict[tuple[str, str], int] = {}
+
+    def __len__(self) -> int:
+        return len(self._waiting)
+
+    def add_transforms(self, transforms: Iterable[StampedTransform], *, static: bool) -> None:
+        """Take transforms in; those from long before the latest are of a time that is over, and are not kept."""
+        for one in transforms:
+            names = one.parent, one.child
+            newest_ns = self._newest_ns.get(names, one.stamp_ns)
+            if not static:
+                if one.stamp_ns < newest_ns - KEEP_S * NS_PER_S:
+                    continue
+                self._newest_ns[names] = max(newest_ns, one.stamp_ns)
+            try:
+                self.buffer.add(one, static=static)
+            except TransformError as error:
+                self.why = str(error)
+
+    def add_sweep(self, sweep: Sweep, topic: str, now_s: float) -> None:
+        """Let a sweep wait."""
+        if math.isnan(self._first_s):
+            self._first_s = now_s
+        self._n += 1
+        bisect.insort(self._waiting, Waiting(sweep.stamp_ns, self._n, now_s, sweep, topic))
+        if len(self._waiting) > MOST_WAITING:
+            del self._waiting[0]
+            self._drop(f"more than {MOST_WAITING} scans wait for transforms")
+
+    def ready(self, now_s: float) -> Iterator[tuple[str, Scan]]:
+        """Topics and scans that can be placed by now, in the order of their stamps."""
+        left: list[Waiting] = []
+        waiting, self._waiting = self._waiting, left
+        for one in waiting:
+            overdue = now_s - one.since_s >= self._wait_s
+            if not overdue and not self._known(one.sweep, now_s):
+                left.append(one)
+            elif (scan := self._placed(one.sweep, now_s)) is not None:
+                yield one.topic, scan
+
+    def _known(self, sweep: Sweep, now_s: float) -> bool:
+        """Whether the laser's pose is known for all of a sweep, so that waiting brings no more."""
+        fixed = self._fixed(sweep.frame, now_s)
+        if not fixed:
+            return False
+        try:
+            span_ns = self.buffer.span_ns(fixed, sweep.frame)
+        except TransformError:
+            return False
+        return span_ns is None or sweep.stop_ns <= span_ns[1]
+
+    def _placed(self, sweep: Sweep, now_s: float) -> Scan | None:
+        fixed = self._fixed(sweep.frame, now_s)
+        if not fixed:
+            self._drop(self._no_frame(sweep))
+            return None
+        try:
+            scan = scan_of(sweep, self.buffer, fixed, label=f"the scan of {sweep.frame}")
+            if scan is None:
+                self._drop(self.buffer.explain(fixed, sweep.frame, [sweep.stamp_ns, sweep.stop_ns]))
+        except (TransformError, ScanError) as error:
+            self._drop(str(error))
+            return None
+        return scan
+
+    def _fixed(self, frame: str, now_s: float) -> str:
+        if self.fixed_frame:
+            return self.fixed_frame
+        patient = now_s - self._first_s < CHOOSE_S
+        for name in FIXED_FRAMES[:1] if patient else FIXED_FRAMES:
+            try:
+                self.buffer.chain(name, frame)
+            except TransformError:
+                continue
+            self.fixed_frame = name
+            return name
+        return ""
+
+    def _no_frame(self, sweep: Sweep) -> str:
+        known = sorted({name for pair in self.buffer.frames().items() for name in pair})
+        if not known:
+            return f"no transforms have come yet, so that {sweep.frame} has no place"
+        return (
+            f"{sweep.frame} is connected with neither map nor odom; there are {', '.join(known)}."
+            f" Choose: {' or '.join(f'--fixed-frame {name}' for name in _roots(self.buffer.frames()))}"
+        )
+
+    def _drop(self, why: str) -> None:
+        self.n_dropped += 1
+        self.why = why
+
+
+def _roots(parents: dict[str, str]) -> list[str]:
+    """Frames that have no parent."""
+    return sorted(set(parents.values()) - set(parents))

@@ -18,10 +18,12 @@ from tempog.cli import (
     export,
     history,
     info,
+    live,
     map_logs,
     merge,
     objects,
     prune,
+    replay,
     report,
     show,
     simulate,
@@ -50,6 +52,8 @@ app.command("prune")(prune.prune)
 app.command("diff")(diff.diff)
 app.command("export")(export.export)
 app.command("report")(report.report)
+app.command("live")(live.live)
+app.command("replay")(replay.replay)
 app.command("simulate")(simulate.simulate)
 app.command("evaluate")(evaluate.evaluate)
 app.command("experiment")(experiment.experiment)

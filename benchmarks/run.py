@@ -11,6 +11,7 @@ import cluster
 import compression
 import flatness
 import ingest
+import live
 import logs
 import objects
 import queries
@@ -42,6 +43,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "objects": objects.run,
     "cluster": cluster.run,
     "storage": storage.run,
+    "live": live.run,
 }
 # Half an hour of no use to a user of tempog, and parts of `storage`.
 ON_REQUEST: dict[str, Benchmark] = {"tables": tables.run} | storage.PARTS

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from tempog.analysis.configurations import Configuration, find_configurations
 from tempog.analysis.evidence.find import find_by_evidence
-from tempog.analysis.high_dynamic import HighDynamic, high_dynamic, high_dynamics
+from tempog.analysis.high_dynamic import HighDynamic, high_dynamic, high_dynamics, moving_intervals
 from tempog.analysis.objects import MovingObject, associate
 from tempog.analysis.objects_file import objects_document
 from tempog.analysis.static import CellClass, static_map
 from tempog.errors import ConfigError
 from tempog.grid.history import History
+from tempog.grid.segments import Runs
 from tempog.methods import METHODS, EvidenceConfig, Method, PaperConfig
 from tempog.sensing.grid_spec import Extent
 from tempog.texts import counted
@@ -100,6 +101,10 @@ class FoundObjects:
     def high_dynamics(self, every_s: float = 0.0) -> list[HighDynamic]:
         """What was on the move at each measurement, or at one every so many seconds. See `high_dynamics`."""
         return high_dynamics(self.history, every_s, **self._explained)
+
+    def moving_intervals(self) -> Runs:
+        """When each cell was occupied by something on the move, at all measurements. See `moving_intervals`."""
+        return moving_intervals(self.history, **self._explained)
 
     @property
     def _explained(self) -> dict[str, Any]:

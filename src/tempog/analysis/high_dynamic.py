@@ -12,6 +12,7 @@ from tempog.analysis.configurations import Configuration, static_cells
 from tempog.analysis.static import CellClass, static_map
 from tempog.errors import ConfigError, TimeError
 from tempog.grid.history import OCCUPIED_ABOVE, History
+from tempog.grid.segments import Runs
 from tempog.sensing.tiles import NO_CELL
 from tempog.times import NS_PER_S, Moment
 
@@ -123,6 +124,85 @@ def high_dynamics(
     return _at_scans(history, scans, walls, configurations, near_m, in_free_places)
 
 
+def moving_intervals(
+    history: History,
+    *,
+    walls: NDArray[np.int8],
+    configurations: Sequence[Configuration] = (),
+    near_m: float = 0.0,
+    in_free_places: bool = False,
+) -> Runs:
+    """When each cell was occupied by something on the move: what `high_dynamics` says of all scans, as intervals.
+
+    Parameters
+    ----------
+    history : History
+        A grid or a saved map, not a window.
+    walls, configurations, near_m, in_free_places
+        As in `high_dynamic`.
+
+    Returns
+    -------
+    Runs
+        Values are 1. An interval in a place that was free for only a part of it is cut to that.
+    """
+    explained = _explained(history, walls, configurations, near_m, in_free_places)
+    parts = []
+    for runs in history.runs():
+        cells = runs.cell
+        kept = (runs.value > OCCUPIED_ABOVE) & ~explained[cells]
+        parts.append(np.stack([cells[kept], runs.first[kept], runs.last[kept]]))
+    cell, first, last = np.concatenate([np.empty((3, 0), np.int32), *parts], axis=1)
+    if in_free_places:
+        disc = _disc(history, near_m)
+        for configuration in configurations:
+            mine = np.sort(_numbers(history, _spread_over(configuration.cells, disc)))
+            at = np.minimum(np.searchsorted(mine, cell), max(len(mine) - 1, 0))
+            there = mine[at] == cell if len(mine) else np.zeros(len(cell), dtype=np.bool_)
+            since, until = _free_scans(history, configuration)
+            begin = np.searchsorted(until, first[there], side="left")
+            lasted = np.maximum(np.searchsorted(since, last[there], side="right") - begin, 0)
+            which = np.arange(int(lasted.sum())) - np.repeat(np.cumsum(lasted) - lasted - begin, lasted)
+            cut = (
+                np.repeat(cell[there], lasted),
+                np.maximum(np.repeat(first[there], lasted), since[which]),
+                np.minimum(np.repeat(last[there], lasted), until[which]),
+            )
+            cell, first, last = (
+                np.concatenate([rest[~there], part]).astype(np.int32)
+                for rest, part in zip((cell, first, last), cut, strict=True)
+            )
+    order = np.lexsort((first, cell))
+    cell, first, last = cell[order], first[order], last[order]
+    return Runs.of(cell, first, last, np.ones(len(cell), dtype=np.float32))
+
+
+def _free_scans(history: History, configuration: Configuration) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The first and last scans of the periods in which a place is known to be free."""
+    free = [period for period in configuration.periods if period.state == "free"]
+    since, until = (
+        np.searchsorted(history.stamps_ns, np.array([period[k] for period in free], dtype=np.int64), side="left")
+        for k in (0, 1)
+    )
+    some = since < until
+    return since[some], until[some] - 1
+
+
+def _explained(
+    history: History,
+    walls: NDArray[np.int8],
+    configurations: Sequence[Configuration],
+    near_m: float,
+    in_free_places: bool,
+) -> NDArray[np.bool_]:
+    """Per cell number, whether what is there is a wall or glass, or else a configuration, or near one."""
+    explained = static_cells(history, walls) | static_cells(history, walls, CellClass.UNCERTAIN)
+    if not in_free_places:
+        for configuration in configurations:
+            explained[_numbers(history, configuration.cells)] = True
+    return near_cells(history, explained, near_m)
+
+
 def _at_scans(
     history: History,
     scans: NDArray[np.int64],
@@ -136,11 +216,7 @@ def _at_scans(
         raise ConfigError(f"near_m = {near_m!r} cannot work; wanted metres, 0 or more")
     if walls is None:
         walls = static_map(history, weight="interval")
-    explained = static_cells(history, walls) | static_cells(history, walls, CellClass.UNCERTAIN)
-    if not in_free_places:
-        for configuration in configurations:
-            explained[_numbers(history, configuration.cells)] = True
-    explained = near_cells(history, explained, near_m)
+    explained = _explained(history, walls, configurations, near_m, in_free_places)
     at, moving = [np.empty(0, np.int64)], [np.empty(0, np.int32)]
     for runs in history.runs():
         cells = np.repeat(runs.cells, np.diff(runs.offsets))
@@ -182,15 +258,11 @@ def _in_taken_places(
     near_m: float,
 ) -> NDArray[np.bool_]:
     """For each cell at a time: whether it is at a configuration that is not known to be free then."""
-    reach = near_m / history.tiles.spec.resolution_m + 1e-9
-    steps = np.arange(-int(reach), int(reach) + 1)
-    up, right = np.meshgrid(steps, steps, indexing="ij")
-    disc = np.stack([up, right], axis=-1)[up**2 + right**2 <= reach**2]
+    disc = _disc(history, near_m)
     order = np.argsort(numbers, kind="stable")
     taken = np.zeros(len(numbers), dtype=np.bool_)
     for configuration in configurations:
-        cells = np.unique((configuration.cells[:, None] + disc).reshape(-1, 2), axis=0).astype(np.int32)
-        mine = _numbers(history, cells)
+        mine = _numbers(history, _spread_over(configuration.cells, disc))
         begin, end = (np.searchsorted(numbers, mine, side=side, sorter=order) for side in ("left", "right"))
         which = np.concatenate([np.empty(0, np.int64), *(order[a:b] for a, b in zip(begin, end, strict=True))])
         free = [period for period in configuration.periods if period.state == "free"]
@@ -200,6 +272,19 @@ def _in_taken_places(
         is_free[at >= 0] = stamps_ns[which][at >= 0] < until[at[at >= 0]]
         taken[which[~is_free]] = True
     return taken
+
+
+def _disc(history: History, near_m: float) -> NDArray[np.int64]:
+    """Steps in row and col, (n, 2), to all cells whose centres are so near."""
+    reach = near_m / history.tiles.spec.resolution_m + 1e-9
+    steps = np.arange(-int(reach), int(reach) + 1)
+    up, right = np.meshgrid(steps, steps, indexing="ij")
+    return np.asarray(np.stack([up, right], axis=-1)[up**2 + right**2 <= reach**2])
+
+
+def _spread_over(cells: NDArray[np.int32], steps: NDArray[np.int64]) -> NDArray[np.int32]:
+    """All cells that are some step from some cell, each once."""
+    return np.unique((cells[:, None] + steps).reshape(-1, 2), axis=0).astype(np.int32)
 
 
 def near_cells(history: History, marked: NDArray[np.bool_], reach_m: float) -> NDArray[np.bool_]:

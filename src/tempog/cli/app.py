@@ -27,6 +27,7 @@ from tempog.cli import (
     report,
     show,
     simulate,
+    view,
 )
 from tempog.errors import ConfigError, TempogError
 
@@ -45,6 +46,7 @@ app.command("info")(info.info)
 app.command("show")(show.show)
 # A coordinate such as -3.2 is not an option.
 app.command("history", context_settings={"ignore_unknown_options": True})(history.history)
+app.command("view")(view.view)
 app.command("objects")(objects.objects)
 app.command("merge")(merge.merge)
 app.command("compact")(compact.compact)

@@ -128,10 +128,11 @@ def cell_entry(model: Model, x: float, y: float) -> dict[str, Any]:
 def diff_entry(model: Model, findings: Findings, a: float, b: float) -> dict[str, Any]:
     """What appeared, vanished or moved from one moment to another; exchanged if the second is the earlier one."""
     a, b = min(a, b), max(a, b)
-    history = model.source.apart()
     before, after = (np.datetime64(model.stamp_ns(t), "ns") for t in (a, b))
     try:
-        diff = map_diff(history, before, after, found=laid_over(findings.found, history))
+        with model.asking:
+            history = model.whole()
+            diff = map_diff(history, before, after, found=laid_over(findings.found, history))
     except TimeError as error:
         raise UnanswerableError(str(error)) from error
     return {

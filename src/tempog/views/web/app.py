@@ -55,7 +55,6 @@ class Site:
     def __init__(self, model: Model, zone: tzinfo = UTC) -> None:
         self.model, self.zone = model, zone
         self.stopping = asyncio.Event()
-        self._grown = asyncio.Condition()
         self._n_listeners = 0
         self._pages = page_files()
         self._diffs: dict[tuple[Any, ...], dict[str, Any]] = {}
@@ -98,12 +97,10 @@ class Site:
         while True:
             await asyncio.sleep(LOOK_EVERY_S)
             try:
-                grew = await to_thread.run_sync(self.model.look, limiter=self._watching)
+                await to_thread.run_sync(self.model.look, limiter=self._watching)
+                self.model.tidy()
             except TempogError:
                 continue  # what was read last is shown on
-            if grew:
-                async with self._grown:
-                    self._grown.notify_all()
 
     async def _rendered(self, request: Request, work: Callable[[], T], limiter: CapacityLimiter) -> T:
         """What a thread answers, once it is this request's turn; nothing is done for a client that went away."""

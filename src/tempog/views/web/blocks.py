@@ -178,16 +178,19 @@ class Blocks:
         with self._making:
             before = self._newest
             self._follow(tiles, read)
-            newest = np.full(len(self._tiles.blocks), -1, dtype=np.int32)
-            for runs in latest:
-                newest_looks(runs.cells, runs.offsets, runs.last, self._tiles.block_of_tile, newest)
-            self._newest = dict(zip(self._tiles.blocks, newest.tolist(), strict=True))
+            self._newest = self._newest_of(latest)
             changed = [where for where, scan in self._newest.items() if scan != before.get(where)]
             gone = {Where(z, where.row >> z, where.col >> z) for where in changed for z in range(MOST_ZOOMS + 1)}
             with self._holding:
                 for key in [key for key in self._held if key[1] in gone]:
                     self.held_bytes -= self._held.pop(key).nbytes
         return changed
+
+    def _newest_of(self, sets: Iterable[Runs]) -> dict[Where, int]:
+        newest = np.full(len(self._tiles.blocks), -1, dtype=np.int32)
+        for runs in sets:
+            newest_looks(runs.cells, runs.offsets, runs.last, self._tiles.block_of_tile, newest)
+        return dict(zip(self._tiles.blocks, newest.tolist(), strict=True))
 
     def is_empty(self, where: Where) -> bool:
         """Whether nothing was seen there."""
@@ -225,6 +228,7 @@ class Blocks:
         """
         with self._making:
             sets = list(read_all())
+            self._newest = self._newest_of(sets)
             for where in self._tiles.blocks:
                 self._kept("cells", where, lambda where: self._cells_of(where, sets))
 

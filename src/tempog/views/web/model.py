@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tempog.errors import TempogError
+from tempog.grid.history import History
 from tempog.grid.segments import Runs
 from tempog.methods import Method
 from tempog.sensing.grid_spec import Extent
@@ -39,6 +40,7 @@ from tempog.views.web.tiles import (
 BLOCK_BYTES = 768 * 2**20  # of blocks in memory: a site of 4 million cells with 20 intervals each
 PICTURE_BYTES = 64 * 2**20  # of encoded tiles: some thousand
 BYTES_PER_INTERVAL = 9
+OPEN_S = 30.0  # that the whole map stays open for the next long question
 LEAST_AGAIN_S = 20.0  # between two times that something of the whole map is worked out
 SHARE_OF_TIME = 0.05  # of the time spent on that, at most
 
@@ -120,6 +122,8 @@ class Model:
         The newest one.
     blocks : Blocks
     finder : Finder
+    asking : threading.Lock
+        Held while `whole` is asked something.
     """
 
     def __init__(
@@ -134,17 +138,19 @@ class Model:
         self.finder = Finder(source, method)
         self.pictures = Pictures(picture_bytes)
         self._block_bytes = block_bytes
+        self.asking = threading.Lock()
         self._changing = threading.Lock()
         self._prepared: Future[Prepared] | None = None
         self._ready: Prepared | None = None
         self._prepared_s, self._preparing_took_s = -math.inf, 0.0
         self._walked: tuple[str, Pyramid, int] | None = None
         self._moving: tuple[str, Blocks] | None = None
-        self.version = self._version_now()
-        with source.lock:
-            tiles = source.history().tiles
-        self.blocks = Blocks(tiles, self._read, block_bytes)
-        self.blocks.follow(tiles, self._read, self._latest())
+        newest = self._newest_history()
+        self._opened: History | None = None if source.live else newest
+        self._opened_name = source.version
+        self._opened_s = time.monotonic()
+        self.version = self._version_of(newest)
+        self.blocks = Blocks(newest.tiles, self._read, block_bytes)
 
     # The map.
 
@@ -152,32 +158,47 @@ class Model:
         """See whether the map grew, and follow it if so."""
         if not self.source.look():
             return False
-        before, now = self.version, self._version_now()
+        history = self._newest_history()
+        before, now = self.version, self._version_of(history)
         n = len(before.stamps_ns)
-        with self.source.lock:
-            tiles = self.source.history().tiles
         if np.array_equal(now.stamps_ns[:n], before.stamps_ns):
-            self.blocks.follow(tiles, self._read, self._latest())
+            self.blocks.follow(history.tiles, self._read, self._latest(history))
         else:  # its scans are numbered anew
-            self.blocks = Blocks(tiles, self._read, self._block_bytes)
-            self.blocks.follow(tiles, self._read, self._latest())
+            self.blocks = Blocks(history.tiles, self._read, self._block_bytes)
         self.version = now
         return True
 
-    def _version_now(self) -> Version:
-        source = self.source
-        with source.lock:
-            history = source.history()
+    def tidy(self) -> None:
+        """Let go of what was opened for a long question, if that was a while ago."""
+        with self._changing:
+            if time.monotonic() - self._opened_s > OPEN_S:
+                self._opened = None
+
+    def whole(self) -> History:
+        """The map for long questions: of the newest version or, while it is being mapped, what was committed of it.
+
+        What it reads stays in memory until nobody asked for a while.
+        """
+        with self._changing:
+            name = self.version.name
+            if self._opened is None or self._opened_name != name:
+                self._opened, self._opened_name = self.source.apart(), name
+            self._opened_s = time.monotonic()
+            return self._opened
+
+    def _newest_history(self) -> History:
+        return self.source.history() if self.source.live else self.source.apart()
+
+    def _version_of(self, history: History) -> Version:
+        with self.source.lock:
             extent = history.extent
             side = max(extent.n_rows, extent.n_cols, 1)
             n_zooms = min(max(math.ceil(math.log2(side / SIDE)), 0), MOST_ZOOMS) + 1
-            return Version(
-                source.version, history.stamps_ns.copy(), extent, history.n_cells, history.n_intervals, n_zooms
-            )
+            counts = history.n_cells, history.n_intervals
+            return Version(self.source.version, history.stamps_ns.copy(), extent, *counts, n_zooms)
 
-    def _latest(self) -> list[Runs]:
+    def _latest(self, history: History) -> list[Runs]:
         with self.source.lock:
-            history = self.source.history()
             return list(history.latest_runs(history.last_scan)) if history.n_scans else []
 
     def _read(self, tiles: NDArray[np.int32]) -> list[Runs]:
@@ -202,9 +223,8 @@ class Model:
         self.finder.start()
 
     def _all_runs(self) -> list[Runs]:
-        return list(self.source.apart().runs()) if not self.source.live else self._read_all()
-
-    def _read_all(self) -> list[Runs]:
+        if not self.source.live:
+            return list(self.whole().runs())
         with self.source.lock:
             return list(self.source.history().runs())
 
@@ -245,7 +265,8 @@ class Model:
         version = self.version
         begin_s = time.monotonic()
         try:
-            prepared = prepare(self.source.apart(), version.n_zooms, version.name)
+            with self.asking:
+                prepared = prepare(self.whole(), version.n_zooms, version.name)
         except (TempogError, MemoryError) as error:
             future.set_exception(error)
             return

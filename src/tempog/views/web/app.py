@@ -147,8 +147,10 @@ class Site:
             with anyio.fail_after(WAIT_S):
                 await asyncio.shield(asyncio.wrap_future(model.prepared()))
         version = model.version.name
-        work = partial(model.tile, layer, Where(z, row, col), theme, t, hold_s)
-        picture = await self._rendered(request, work, self._rendering)
+        asked = model.asked(layer, Where(z, row, col), theme, t, hold_s)
+        picture = model.recalled(asked)
+        if picture is None:
+            picture = await self._rendered(request, partial(model.rendered, asked), self._rendering)
         lasting = given.text("v") == version and (t is not None or period) and model.is_settled(layer)
         headers = {"cache-control": FOREVER if lasting else "no-store"}
         return Response(picture, media_type="image/png", headers=headers)
@@ -242,7 +244,7 @@ class Site:
                     data = {"version": version.name, "t": version.duration_s, "objects": tell[1] or None}
                     yield f"event: map\ndata: {json.dumps(data)}\n\n"
                 else:
-                    yield ": still here\n\n"
+                    yield "event: alive\ndata: {}\n\n"
                 with anyio.move_on_after(HEARTBEAT_S):
                     await self._changed(tell)
         finally:

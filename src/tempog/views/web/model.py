@@ -9,7 +9,7 @@ import time
 from collections import OrderedDict
 from concurrent.futures import Future
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +77,16 @@ class Version:
     def duration_s(self) -> float:
         """From the first scan to the last."""
         return float(self.stamps_ns[-1] - self.stamps_ns[0]) / NS_PER_S if len(self.stamps_ns) else 0.0
+
+
+class AskedTile(NamedTuple):
+    """A tile that somebody wants; `key` tells it from all that look different."""
+
+    layer: str
+    where: Where
+    theme: Theme
+    moment: MomentScans | None
+    key: tuple[Any, ...]
 
 
 class Pictures:
@@ -311,10 +321,12 @@ class Model:
     # Pictures.
 
     def tile(self, layer: str, where: Where, theme: Theme, t: float | None, hold_s: float) -> bytes:
-        """A tile as PNG; the empty one where there is nothing to show.
+        """A tile as PNG; the empty one where there is nothing to show."""
+        asked = self.asked(layer, where, theme, t, hold_s)
+        return self.recalled(asked) or self.rendered(asked)
 
-        Layers of the whole period must be `prepared` before.
-        """
+    def asked(self, layer: str, where: Where, theme: Theme, t: float | None, hold_s: float) -> AskedTile:
+        """A tile of this version, at a moment in seconds since the first scan; by default at the last scan."""
         version = self.version
         moment = None
         key: tuple[Any, ...] = (version.name, layer, where, theme)
@@ -326,12 +338,20 @@ class Model:
             key += (findings.version if findings else None,)
         elif moment is None:
             key += (self._ready.version if self._ready else None,)
-        found = self.pictures.get(key)
-        if found is None:
-            codes = self._codes(layer, where, moment)
-            found = EMPTY_TILE if codes is None else encode_png(codes, palette(layer, theme))
-            self.pictures.put(key, found)
-        return found
+        return AskedTile(layer, where, theme, moment, key)
+
+    def recalled(self, asked: AskedTile) -> bytes | None:
+        """A tile, if it takes no work."""
+        if self.blocks.is_empty(asked.where):
+            return EMPTY_TILE
+        return self.pictures.get(asked.key)
+
+    def rendered(self, asked: AskedTile) -> bytes:
+        """A tile that is made now; those of the whole period wait until that is `prepared`."""
+        codes = self._codes(asked.layer, asked.where, asked.moment)
+        picture = EMPTY_TILE if codes is None else encode_png(codes, palette(asked.layer, asked.theme))
+        self.pictures.put(asked.key, picture)
+        return picture
 
     def _codes(self, layer: str, where: Where, moment: MomentScans | None) -> Codes | None:
         if layer == "people":

@@ -258,10 +258,10 @@ def bound_socket(host: str, port: int, search: bool) -> socket.socket:
     ports = range(port, min(port + TRIED_PORTS, 2**16)) if search and port else [port]
     for tried in ports:
         try:
-            family, kind, _, _, address = socket.getaddrinfo(
-                host or None, tried, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+            family, kind, protocol, _, address = socket.getaddrinfo(
+                host or None, tried, type=socket.SOCK_STREAM, proto=socket.IPPROTO_TCP, flags=socket.AI_PASSIVE
             )[0]
-            opened = socket.socket(family, kind)
+            opened = socket.socket(family, kind, protocol)  # asyncio sends at once only if it knows that this is TCP
             try:
                 opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
                 opened.bind(cast(Any, address))

@@ -215,8 +215,8 @@ def openapi_document() -> dict[str, Any]:
             "summary": "A map with a memory, over HTTP.",
             "description": (
                 "Times `t` are seconds since the map's first scan, positions metres in the map frame, cells [row,"
-                "Times `t` are seconds since the map's first scan, positions metres in the map frame, cells"
-                " [row, col] of the lattice: a cell covers x from col to col + 1 times resolution_m, y by row likewise. All"
+                " col] of the lattice: a cell covers x from col to col + 1 times resolution_m, y by row likewise."
+                " All requests are GET or HEAD; nothing can be changed."
             ),
             "license": {"name": "BSD-3-Clause", "identifier": "BSD-3-Clause"},
         },

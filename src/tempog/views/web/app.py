@@ -7,6 +7,7 @@ import json
 import math
 import mimetypes
 from collections.abc import AsyncIterator, Awaitable, Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
 from datetime import UTC, tzinfo
 from functools import partial
@@ -15,7 +16,6 @@ from importlib.resources.abc import Traversable
 from typing import Any, TypeVar
 
 import anyio
-from anyio import CapacityLimiter, to_thread
 from starlette.applications import Starlette
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
@@ -32,7 +32,8 @@ from tempog.views.web.parameters import BadParameterError, Parameters
 
 T = TypeVar("T")
 
-RENDERED_AT_ONCE = 4  # tiles and short answers; more wait, and those whose client went away are dropped
+RENDERED_AT_ONCE = 4  # tiles; more wait, and those whose client went away meanwhile are dropped
+ANSWERED_AT_ONCE = 4  # other short answers
 LONG_AT_ONCE = 1  # differences and snapshots
 MOST_LISTENERS = 32  # of events
 LOOK_EVERY_S = 1.0
@@ -40,6 +41,31 @@ HEARTBEAT_S = 10.0
 WAIT_S = 60.0  # for what is worked out for the whole map
 FOREVER = "public, max-age=31536000, immutable"
 GONE = 499  # nobody reads the answer: the client went away
+
+
+class Desk:
+    """Some threads that answer requests; who comes while all are busy waits.
+
+    Parameters
+    ----------
+    n_threads : int
+    """
+
+    def __init__(self, n_threads: int) -> None:
+        self._threads = ThreadPoolExecutor(n_threads)
+        self._free = asyncio.Semaphore(n_threads)
+
+    async def answer(self, request: Request, work: Callable[[], T]) -> T:
+        """What the work comes to, once it is this request's turn; ClientDisconnect if nobody waits for it any more."""
+        waits = self._free.locked()
+        async with self._free:
+            if waits and await request.is_disconnected():
+                raise ClientDisconnect
+            return await asyncio.get_running_loop().run_in_executor(self._threads, work)
+
+    def close(self) -> None:
+        """Take no more work."""
+        self._threads.shutdown(wait=False, cancel_futures=True)
 
 
 class Site:
@@ -81,9 +107,11 @@ class Site:
     @asynccontextmanager
     async def lifespan(self, app: Starlette) -> AsyncIterator[None]:
         """Watch the map while the server runs."""
-        self._rendering, self._answering = CapacityLimiter(RENDERED_AT_ONCE), CapacityLimiter(RENDERED_AT_ONCE)
-        self._long = CapacityLimiter(LONG_AT_ONCE)
-        self._watching = CapacityLimiter(1)
+        self._rendering, self._answering, self._long = (
+            Desk(RENDERED_AT_ONCE),
+            Desk(ANSWERED_AT_ONCE),
+            Desk(LONG_AT_ONCE),
+        )
         self.model.warm_up()
         watcher = asyncio.create_task(self._watch())
         try:
@@ -91,23 +119,18 @@ class Site:
         finally:
             self.stopping.set()
             watcher.cancel()
+            for desk in (self._rendering, self._answering, self._long):
+                desk.close()
             self.model.close()
 
     async def _watch(self) -> None:
         while True:
             await asyncio.sleep(LOOK_EVERY_S)
             try:
-                await to_thread.run_sync(self.model.look, limiter=self._watching)
+                await asyncio.to_thread(self.model.look)
                 self.model.tidy()
             except TempogError:
                 continue  # what was read last is shown on
-
-    async def _rendered(self, request: Request, work: Callable[[], T], limiter: CapacityLimiter) -> T:
-        """What a thread answers, once it is this request's turn; nothing is done for a client that went away."""
-        async with limiter:
-            if await request.is_disconnected():
-                raise ClientDisconnect
-            return await to_thread.run_sync(work, limiter=CapacityLimiter(1))
 
     # The page.
 
@@ -128,7 +151,7 @@ class Site:
     async def map(self, request: Request) -> Response:
         """What the map is."""
         Parameters(request, [])
-        return _json(await self._rendered(request, partial(answers.map_entry, self.model), self._answering))
+        return _json(await self._answering.answer(request, partial(answers.map_entry, self.model)))
 
     async def tile(self, request: Request) -> Response:
         """A tile of the picture."""
@@ -150,7 +173,7 @@ class Site:
         asked = model.asked(layer, Where(z, row, col), theme, t, hold_s)
         picture = model.recalled(asked)
         if picture is None:
-            picture = await self._rendered(request, partial(model.rendered, asked), self._rendering)
+            picture = await self._rendering.answer(request, partial(model.rendered, asked))
         lasting = given.text("v") == version and (t is not None or period) and model.is_settled(layer)
         headers = {"cache-control": FOREVER if lasting else "no-store"}
         return Response(picture, media_type="image/png", headers=headers)
@@ -162,7 +185,7 @@ class Site:
         with anyio.fail_after(WAIT_S):
             prepared = await asyncio.shield(asyncio.wrap_future(self.model.prepared()))
         work = partial(answers.activity_entry, self.model, prepared, n_bins)
-        return _json(await self._rendered(request, work, self._answering))
+        return _json(await self._answering.answer(request, work))
 
     async def objects(self, request: Request) -> Response:
         """The objects, once they are found."""
@@ -172,7 +195,7 @@ class Site:
             return self._unfound()
         if self._objects is None or self._objects[0] != findings.version:
             work = partial(answers.objects_text, findings, self.zone)
-            self._objects = findings.version, await self._rendered(request, work, self._answering)
+            self._objects = findings.version, await self._answering.answer(request, work)
         return Response(self._objects[1], media_type="application/json")
 
     def _unfound(self) -> Response:
@@ -185,7 +208,7 @@ class Site:
         """Every state of one cell."""
         given = Parameters(request, ["x", "y", "v"])
         x, y = given.number("x"), given.number("y")
-        return _json(await self._rendered(request, partial(answers.cell_entry, self.model, x, y), self._answering))
+        return _json(await self._answering.answer(request, partial(answers.cell_entry, self.model, x, y)))
 
     async def diff(self, request: Request) -> Response:
         """What appeared, vanished or moved between two moments."""
@@ -197,7 +220,7 @@ class Site:
         key = (self.model.version.name, findings.version, a, b)
         if key not in self._diffs:
             work = partial(answers.diff_entry, self.model, findings, a, b)
-            found = await self._rendered(request, work, self._long)
+            found = await self._long.answer(request, work)
             if len(self._diffs) > 32:
                 self._diffs.clear()
             self._diffs[key] = found
@@ -210,7 +233,7 @@ class Site:
         kind = given.choice("format", ("png", "npz"), "png")
         theme = given.choice("theme", THEMES, "light")
         work = partial(answers.snapshot_bytes, self.model, t, hold_s, kind, theme)
-        content = await self._rendered(request, work, self._long)
+        content = await self._long.answer(request, work)
         media = "image/png" if kind == "png" else "application/x-npz"
         name = f"{self.model.source.name}-{t:g}.{kind}".encode("ascii", "ignore").decode().replace('"', "")
         return Response(content, media_type=media, headers={"content-disposition": f'inline; filename="{name}"'})
@@ -220,7 +243,7 @@ class Site:
     async def now(self, request: Request) -> Response:
         """Where everything is now."""
         Parameters(request, ["v"])
-        return _json(await self._rendered(request, partial(answers.now_entry, self.model), self._answering))
+        return _json(await self._answering.answer(request, partial(answers.now_entry, self.model)))
 
     async def events(self, request: Request) -> Response:
         """Server-sent events: one at once, then one whenever the map grew."""

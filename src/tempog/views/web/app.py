@@ -56,7 +56,7 @@ class Desk:
         self._free = asyncio.Semaphore(n_threads)
 
     async def answer(self, request: Request, work: Callable[[], T]) -> T:
-        """What the work comes to, once it is this request's turn; ClientDisconnect if nobody waits for it any more."""
+        """What the work comes to, once it is this request's turn; ClientDisconnect if nobody waits any more."""
         waits = self._free.locked()
         async with self._free:
             if waits and await request.is_disconnected():

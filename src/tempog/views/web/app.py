@@ -252,6 +252,8 @@ class Site:
             answer = refusal(503, f"{MOST_LISTENERS} pages listen already; close one")
             answer.headers["retry-after"] = "30"
             return answer
+        if request.method == "HEAD":
+            return Response(media_type="text/event-stream")
         return StreamingResponse(self._events(), media_type="text/event-stream")
 
     async def _events(self) -> AsyncIterator[str]:

@@ -286,7 +286,13 @@ class Site:
 def make_app(model: Model, zone: tzinfo = UTC) -> Starlette:
     """The application, without the guard at its door."""
     site = Site(model, zone)
-    return Starlette(routes=site.routes(), lifespan=site.lifespan)
+    app = Starlette(routes=site.routes(), lifespan=site.lifespan, exception_handlers={404: _unknown})
+    app.router.redirect_slashes = False
+    return app
+
+
+async def _unknown(request: Request, error: Exception) -> Response:
+    return refusal(404, "there is nothing at this address; see /openapi.json")
 
 
 def page_files() -> dict[str, tuple[bytes, str]]:

@@ -287,7 +287,8 @@ def test_a_clock_that_counts_from_power_on_has_no_hours():
         )
         for scan in scans
     ]
-    answer = objects_entry(find_objects(build_grid(moved)), "v")
+    grid = build_grid(moved)
+    answer = objects_entry(find_objects(grid), "v", 0, int(grid.stamps_ns[-1]))
     assert answer["dated"] is False
     assert answer["tz"] is None
     assert answer["objects"]
@@ -402,7 +403,7 @@ def test_what_is_held_stays_within_its_bounds(grid, found):
 def test_findings_are_json_and_survive_a_map_that_grew(grid, found):
     early = build_grid(simulate(corridor(), duration_s=60.0).scans)
     findings = findings_of(early, find_objects(early), "v")
-    json.dumps(objects_entry(findings.found, "v"), allow_nan=False)
+    json.dumps(objects_entry(findings.found, "v", early.start_ns, int(early.stamps_ns[-1])), allow_nan=False)
     model = Model(HistorySource(grid, "corridor"))
     answer = app.answers.diff_entry(model, findings, 20.0, 100.0)
     assert {move["object"] for move in answer["moved"]} <= {one.id for one in findings.found.objects}

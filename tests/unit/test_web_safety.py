@@ -58,7 +58,7 @@ def locked(source) -> Iterator[Viewer]:
 
 
 def raw(port: int, request: bytes, *, is_all: bool = False) -> bytes:
-    """What comes back for some bytes, until the other side closes; it may wait for more unless told that it is all."""
+    """What comes back for some bytes, until the other side closes; it may wait for more unless that is all."""
     with socket.create_connection(("127.0.0.1", port), timeout=20) as connection:
         parts = []
         try:

@@ -93,9 +93,13 @@ def activity_entry(model: Model, prepared: Prepared, n_bins: int) -> dict[str, A
     return {"version": version.name, **activity(version.stamps_ns, prepared.changes, n_bins)}
 
 
-def objects_text(findings: Findings, zone: tzinfo) -> bytes:
+def objects_text(model: Model, findings: Findings, zone: tzinfo) -> bytes:
     """The objects, as JSON."""
-    return json.dumps(objects_entry(findings.found, findings.version, zone), allow_nan=False).encode()
+    start_ns = model.version.start_ns
+    stop_ns = model.stamp_ns(model.version.duration_s)
+    return json.dumps(
+        objects_entry(findings.found, findings.version, start_ns, stop_ns, zone), allow_nan=False
+    ).encode()
 
 
 def cell_entry(model: Model, x: float, y: float) -> dict[str, Any]:

@@ -194,7 +194,7 @@ class Site:
         if findings is None:
             return self._unfound()
         if self._objects is None or self._objects[0] != findings.version:
-            work = partial(answers.objects_text, findings, self.zone)
+            work = partial(answers.objects_text, self.model, findings, self.zone)
             self._objects = findings.version, await self._answering.answer(request, work)
         return Response(self._objects[1], media_type="application/json")
 

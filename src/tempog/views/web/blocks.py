@@ -151,7 +151,7 @@ class Blocks:
         self.held_bytes = 0
         self._held: OrderedDict[tuple[str, Where], Cells | States | Looks] = OrderedDict()
         self._holding, self._making = threading.Lock(), threading.RLock()
-        self._newest: dict[Where, int] = {}
+        self._newest: dict[Where, int] = {}  # the latest scan that saw a block, when it was made
         self._follow(tiles, read)
 
     def _follow(self, tiles: TileIndex, read: Read) -> None:
@@ -176,10 +176,10 @@ class Blocks:
             Each cell's latest interval, and others.
         """
         with self._making:
-            before = self._newest
             self._follow(tiles, read)
-            self._newest = self._newest_of(latest)
-            changed = [where for where, scan in self._newest.items() if scan != before.get(where)]
+            newest = self._newest_of(latest)
+            changed = [where for where, scan in newest.items() if scan != self._newest.pop(where, None)]
+            self._newest = {where: newest[where] for where in set(newest) - set(changed)}
             gone = {Where(z, where.row >> z, where.col >> z) for where in changed for z in range(MOST_ZOOMS + 1)}
             with self._holding:
                 for key in [key for key in self._held if key[1] in gone]:
@@ -228,7 +228,6 @@ class Blocks:
         """
         with self._making:
             sets = list(read_all())
-            self._newest = self._newest_of(sets)
             for where in self._tiles.blocks:
                 self._kept("cells", where, lambda where: self._cells_of(where, sets))
 
@@ -271,6 +270,7 @@ class Blocks:
         first, last, state = np.empty(n, np.int32), np.empty(n, np.int32), np.empty(n, np.uint8)
         for runs in sets:
             take_intervals(*runs, tiles, pixels, OCCUPIED_ABOVE, places, first, last, state)
+        self._newest[where] = int(last.max(initial=-1))
         return Cells(offsets, first, last, state)
 
     def _pool_states(self, where: Where) -> States:

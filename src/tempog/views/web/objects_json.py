@@ -19,7 +19,9 @@ MOST_QUARTERS = 2_000_000  # 57 years; longer histories have no hours
 LEAST_S = 1e-6
 
 
-def objects_entry(found: FoundObjects, version: str, zone: tzinfo = UTC) -> dict[str, Any]:
+def objects_entry(
+    found: FoundObjects, version: str, start_ns: int, stop_ns: int, zone: tzinfo = UTC
+) -> dict[str, Any]:
     """All objects and lone places.
 
     Parameters
@@ -27,12 +29,12 @@ def objects_entry(found: FoundObjects, version: str, zone: tzinfo = UTC) -> dict
     found : FoundObjects
     version : str
         Of the map they were found in.
+    start_ns, stop_ns : int
+        Of the map's first and last scan.
     zone : tzinfo
         In which hours and weekdays are told.
     """
-    history = found.history
-    start_ns = history.start_ns
-    hours = Hours(start_ns, int(history.stamps_ns[history.last_scan]), zone)
+    hours = Hours(start_ns, stop_ns, zone)
     return {
         "state": "ready",
         "version": version,

@@ -34,6 +34,7 @@ T = TypeVar("T")
 
 RENDERED_AT_ONCE = 4  # tiles; more wait, and those whose client went away meanwhile are dropped
 ANSWERED_AT_ONCE = 4  # other short answers
+MOST_TILES = 64  # in one answer
 LONG_AT_ONCE = 1  # differences and snapshots
 MOST_LISTENERS = 32  # of events
 LOOK_EVERY_S = 1.0
@@ -155,7 +156,7 @@ class Site:
 
     async def tile(self, request: Request) -> Response:
         """A tile of the picture."""
-        given = Parameters(request, ["t", "v", "hold", "theme"])
+        given = Parameters(request, ["t", "v", "hold", "theme", "cols", "rows"])
         model = self.model
         layer = request.path_params["layer"]
         if layer not in LAYERS:
@@ -163,6 +164,9 @@ class Site:
         z, col, row = (given.whole(name, request.path_params[name]) for name in ("z", "col", "row"))
         if not 0 <= z <= model.top_zoom:
             return refusal(404, f"there is no zoom {z}; wanted 0 to {model.top_zoom}")
+        n_cols, n_rows = (given.whole(name, given.text(name) or "1", 1, MOST_TILES) for name in ("cols", "rows"))
+        if n_cols * n_rows > MOST_TILES:
+            return refusal(400, f"{n_cols} x {n_rows} are too many tiles for one answer; wanted {MOST_TILES} at most")
         theme = given.choice("theme", THEMES, "light")
         t, hold_s = given.seconds("t"), given.duration("hold", math.inf)
         period = LAYERS[layer].kind == "period"
@@ -171,9 +175,12 @@ class Site:
                 await asyncio.shield(asyncio.wrap_future(model.prepared()))
         version = model.version.name
         asked = model.asked(layer, Where(z, row, col), theme, t, hold_s)
-        picture = model.recalled(asked)
+        picture = model.recalled(asked) if n_cols * n_rows == 1 else None
         if picture is None:
-            picture = await self._rendering.answer(request, partial(model.rendered, asked))
+            work = partial(model.rendered, asked)
+            if n_cols * n_rows > 1:
+                work = partial(model.spanned, asked, n_cols, n_rows)
+            picture = await self._rendering.answer(request, work)
         lasting = given.text("v") == version and (t is not None or period) and model.is_settled(layer)
         headers = {"cache-control": FOREVER if lasting else "no-store"}
         return Response(picture, media_type="image/png", headers=headers)

@@ -353,6 +353,18 @@ class Model:
         self.pictures.put(asked.key, picture)
         return picture
 
+    def spanned(self, asked: AskedTile, n_cols: int, n_rows: int) -> bytes:
+        """Several tiles as one picture, which is not kept: the one asked for, and those to the east and the north."""
+        whole = np.zeros((n_rows * SIDE, n_cols * SIDE), dtype=np.uint8)
+        z, south, west = asked.where
+        for row in range(n_rows):
+            top = (n_rows - 1 - row) * SIDE
+            for col in range(n_cols):
+                codes = self._codes(asked.layer, Where(z, south + row, west + col), asked.moment)
+                if codes is not None:
+                    whole[top : top + SIDE, col * SIDE : (col + 1) * SIDE] = codes
+        return encode_png(whole, palette(asked.layer, asked.theme))
+
     def _codes(self, layer: str, where: Where, moment: MomentScans | None) -> Codes | None:
         if layer == "people":
             walked = self.walked()

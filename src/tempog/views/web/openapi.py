@@ -175,6 +175,7 @@ HOLD = _query(
     "Seconds for which a cell keeps its last known state; inf, the default, for ever.",
     {"anyOf": [{"type": "number", "minimum": 0}, {"const": "inf"}], "default": "inf"},
 )
+SPAN = {"type": "integer", "minimum": 1, "maximum": 64, "default": 1}
 THEME = _query("theme", "Colours.", {"enum": list(THEMES), "default": "light"})
 VERSION = _query("v", "The map's version; with it, answers that will not change may be kept.", STRING)
 
@@ -243,6 +244,8 @@ def openapi_document() -> dict[str, Any]:
                     _query("t", f"{T} Default: the last scan. Layers of a period have none."),
                     HOLD,
                     THEME,
+                    _query("cols", "Tiles in the picture, from this one eastwards; 64 at most in all.", SPAN),
+                    _query("rows", "Tiles in the picture, from this one northwards.", SPAN),
                     VERSION,
                 ],
             ),

@@ -13,8 +13,9 @@ from fixed_history import FixedHistory, cells_of, tiles_of
 from png_pixels import pixels_of
 from tempog.config import GridConfig, MapConfig
 from tempog.grid.history import OCCUPIED_ABOVE
+from tempog.grid.segments import Runs
 from tempog.times import NS_PER_S
-from tempog.views.web.blocks import SIDE, Blocks, Where
+from tempog.views.web.blocks import SIDE, Blocks, Read, TilesOfBlocks, Where, numbers_at
 from tempog.views.web.layers import palette
 from tempog.views.web.model import Model
 from tempog.views.web.png import encode_png
@@ -47,8 +48,16 @@ def histories(draw: st.DrawFn) -> FixedHistory:
     return FixedHistory(config, tiles, stamps_ns, np.zeros((N_SCANS, 3)), intervals)
 
 
-def blocks_of(history: FixedHistory) -> Blocks:
-    return Blocks(history.tiles, lambda tiles: history.runs_of_tiles(tiles), 2**30)
+def blocks_of(history: FixedHistory, budget_bytes: int = 2**30) -> Blocks:
+    return Blocks(TilesOfBlocks(history.tiles), reader(history), budget_bytes)
+
+
+def reader(history: FixedHistory) -> Read:
+    def read(rows: np.ndarray, cols: np.ndarray) -> tuple[np.ndarray, list[Runs]]:
+        numbers = numbers_at(history.tiles, rows, cols)
+        return numbers, list(history.runs_of_tiles(np.sort(numbers)))
+
+    return read
 
 
 def moments(history: FixedHistory) -> st.SearchStrategy[int]:
@@ -137,8 +146,8 @@ def test_a_scan_saw_the_cells_whose_intervals_reach_over_it(history, scan):
 @given(st.data(), histories())
 def test_blocks_that_are_read_at_once_or_let_go_of_say_the_same(data, history):
     moment = scans_at(history.stamps_ns, data.draw(moments(history)), math.inf, 60.0)
-    at_once, forgetful = blocks_of(history), Blocks(history.tiles, lambda tiles: history.runs_of_tiles(tiles), 1)
-    at_once.take_all(lambda: history.runs())
+    at_once, forgetful = blocks_of(history), blocks_of(history, 1)
+    at_once.take_all(lambda: (history.tiles, list(history.runs())))
     for z in (0, 2):
         for where in tiles_to_ask(history, z):
             expected = dense(occupancy_codes(blocks_of(history), where, moment))
@@ -160,13 +169,16 @@ def test_blocks_follow_a_history_that_grows(data, history):
         return
     tiles = {(row // 8, col // 8) for row, col in early}
     before = FixedHistory(history.config, tiles, history.stamps_ns[:n], history.poses[:n], early)
-    blocks = blocks_of(before)
-    blocks.take_all(lambda: before.runs())
+    # Tiles of `history` are numbered otherwise than those of `before`; what is read is of the newest.
+    newest = [before]
+    blocks = Blocks(TilesOfBlocks(before.tiles), lambda rows, cols: reader(newest[0])(rows, cols), 2**30)
+    blocks.take_all(lambda: (before.tiles, list(before.runs())))
     for z in range(3):
         for where in tiles_to_ask(before, z):
             occupancy_codes(blocks, where, scans_at(before.stamps_ns, 10**12, math.inf, 60.0))
             age_codes(blocks, where, scans_at(before.stamps_ns, 10**12, math.inf, 60.0))
-    changed = blocks.follow(history.tiles, lambda tiles: history.runs_of_tiles(tiles), history.runs())
+    newest[0] = history
+    changed = blocks.follow(TilesOfBlocks(history.tiles), history.runs())
     untouched = {
         Where(0, row >> 8, col >> 8)
         for row, col in cells_of(history)

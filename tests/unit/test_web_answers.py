@@ -127,7 +127,7 @@ def test_every_parameter_that_is_named_is_taken_and_others_are_refused(ask, clie
             continue
         address = path.format(layer="occupancy", z=0, col=0, row=0)
         examples = {"t": 10, "hold": "inf", "theme": "dark", "v": "x", "bins": 3, "x": 1, "y": 1, "a": 1, "b": 2}
-        examples["format"] = "npz"
+        examples |= {"format": "npz", "cols": 2, "rows": 2}
         names = [parameter["name"] for parameter in entry["get"]["parameters"] if parameter["in"] == "query"]
         assert client.get(address, params={name: examples[name] for name in names}).status_code == 200
         refused = client.get(address, params={"nonsense": 1})

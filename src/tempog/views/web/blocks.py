@@ -95,40 +95,49 @@ _NO_SCANS = np.empty(0, dtype=np.int32)
 NO_STATES = States(_NO_OFFSETS, _NO_SCANS, np.empty(0, dtype=np.uint8))
 NO_LOOKS = Looks(_NO_OFFSETS, _NO_SCANS, _NO_SCANS)
 
-Read = Callable[[NDArray[np.int32]], Iterable[Runs]]
-"""Gives the intervals of the cells of some tiles, whose numbers ascend, and others; see `History.runs_of_tiles`."""
+Read = Callable[[NDArray[np.int32], NDArray[np.int32]], tuple[NDArray[np.int32], list[Runs]]]
+"""Of the tiles at some rows and cols: their numbers, and intervals of their cells, with others; see `numbers_at`."""
+
+
+def numbers_at(tiles: TileIndex, rows: NDArray[np.int32], cols: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Numbers of the tiles at some rows and cols, in tiles; NO_TILE where there is none."""
+    return tiles.cell_numbers(rows << TILE_BITS, cols << TILE_BITS) >> 2 * TILE_BITS
 
 
 class TilesOfBlocks:
-    """Which tiles of the history make which block of the lowest zoom.
+    """Which tiles of a history make which block of the lowest zoom.
 
     Attributes
     ----------
     blocks : list of Where
+    block_of_tile : (n_tiles,) int32
+        By the number of each tile, its place in `blocks`.
     """
 
     def __init__(self, tiles: TileIndex) -> None:
         used = slice(0, tiles.n_tiles)
-        self.rows, self.cols = tiles.tile_rows[used].copy(), tiles.tile_cols[used].copy()
+        self._rows, self._cols = tiles.tile_rows[used].copy(), tiles.tile_cols[used].copy()
         bits = SIDE_BITS - TILE_BITS
-        places = np.stack([self.rows >> bits, self.cols >> bits], axis=-1)
+        places = np.stack([self._rows >> bits, self._cols >> bits], axis=-1)
         unique, block_of_tile = np.unique(places, axis=0, return_inverse=True)
         self.block_of_tile = block_of_tile.reshape(-1).astype(np.int32)
         self.blocks = [Where(0, row, col) for row, col in unique.tolist()]
-        order = np.argsort(self.block_of_tile, kind="stable").astype(np.int32)
+        order = np.argsort(self.block_of_tile, kind="stable")
         ends = np.cumsum(np.bincount(self.block_of_tile, minlength=len(self.blocks)))
         self._tiles = dict(zip(self.blocks, np.split(order, ends[:-1]), strict=True)) if self.blocks else {}
 
-    def tiles(self, where: Where) -> NDArray[np.int32]:
-        """Numbers of a block's tiles, ascending."""
-        return self._tiles[where]
-
-    def pixels(self, where: Where) -> NDArray[np.int32]:
-        """``(n_tiles, 64)`` the pixel of each cell of a block's tiles."""
+    def positions(self, where: Where) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Rows and cols of a block's tiles, in tiles."""
         tiles = self._tiles[where]
-        row = ((self.rows[tiles] * TILE) & (SIDE - 1))[:, None] + np.arange(TILE_CELLS)[None, :] // TILE
-        col = ((self.cols[tiles] * TILE) & (SIDE - 1))[:, None] + np.arange(TILE_CELLS)[None, :] % TILE
-        return np.ascontiguousarray(PIXEL_AT[row, col])
+        return self._rows[tiles], self._cols[tiles]
+
+
+def _pixels(rows: NDArray[np.int32], cols: NDArray[np.int32]) -> NDArray[np.int32]:
+    """``(n_tiles, 64)`` the pixel of each cell of tiles at some rows and cols, within its block."""
+    within = np.arange(TILE_CELLS)[None, :]
+    row = ((rows << TILE_BITS) & (SIDE - 1))[:, None] + within // TILE
+    col = ((cols << TILE_BITS) & (SIDE - 1))[:, None] + within % TILE
+    return np.ascontiguousarray(PIXEL_AT[row, col])
 
 
 class Blocks:
@@ -139,58 +148,53 @@ class Blocks:
 
     Parameters
     ----------
-    tiles : TileIndex
+    tiles : TilesOfBlocks
     read : callable
         See `Read`.
     budget_bytes : int
         What may be kept. What one question needs is held meanwhile, even if it is more.
     """
 
-    def __init__(self, tiles: TileIndex, read: Read, budget_bytes: int) -> None:
+    def __init__(self, tiles: TilesOfBlocks, read: Read, budget_bytes: int) -> None:
         self.budget_bytes = budget_bytes
         self.held_bytes = 0
         self._held: OrderedDict[tuple[str, Where], Cells | States | Looks] = OrderedDict()
-        self._holding, self._making = threading.Lock(), threading.RLock()
+        self._holding = threading.Lock()  # of all that follows
+        self._in_work: dict[tuple[str, Where], threading.Event] = {}
+        self._n_followed = 0
+        self._all_read = threading.Event()
+        self._all_read.set()
         self._newest: dict[Where, int] = {}  # the latest scan that saw a block, when it was made
-        self._follow(tiles, read)
-
-    def _follow(self, tiles: TileIndex, read: Read) -> None:
-        self._read, self._tiles = read, TilesOfBlocks(tiles)
-        known: set[Where] = set(self._tiles.blocks)
-        self._known = set(known)
-        for z in range(1, MOST_ZOOMS + 1):
-            known = {Where(z, where.row >> 1, where.col >> 1) for where in known}
-            self._known |= known
+        self._read, self._tiles = read, tiles
+        self._known = _at_all_zooms(tiles.blocks)
 
     @property
     def where(self) -> list[Where]:
         """The blocks of the lowest zoom."""
         return self._tiles.blocks
 
-    def follow(self, tiles: TileIndex, read: Read, latest: Iterable[Runs]) -> list[Where]:
+    def follow(self, tiles: TilesOfBlocks, latest: Iterable[Runs]) -> list[Where]:
         """Go on with a history that grew by later scans; returns the blocks that have changed, which are forgotten.
 
         Parameters
         ----------
+        tiles : TilesOfBlocks
         latest : iterable of Runs
-            Each cell's latest interval, and others.
+            Each cell's latest interval, and others; by the numbers of `tiles`.
         """
-        with self._making:
-            self._follow(tiles, read)
-            newest = self._newest_of(latest)
+        scans = np.full(len(tiles.blocks), -1, dtype=np.int32)
+        for runs in latest:
+            newest_looks(runs.cells, runs.offsets, runs.last, tiles.block_of_tile, scans)
+        newest = dict(zip(tiles.blocks, scans.tolist(), strict=True))
+        with self._holding:
+            self._n_followed += 1
+            self._tiles, self._known = tiles, _at_all_zooms(tiles.blocks)
             changed = [where for where, scan in newest.items() if scan != self._newest.pop(where, None)]
             self._newest = {where: newest[where] for where in set(newest) - set(changed)}
             gone = {Where(z, where.row >> z, where.col >> z) for where in changed for z in range(MOST_ZOOMS + 1)}
-            with self._holding:
-                for key in [key for key in self._held if key[1] in gone]:
-                    self.held_bytes -= self._held.pop(key).nbytes
+            for key in [key for key in self._held if key[1] in gone]:
+                self.held_bytes -= self._held.pop(key).nbytes
         return changed
-
-    def _newest_of(self, sets: Iterable[Runs]) -> dict[Where, int]:
-        newest = np.full(len(self._tiles.blocks), -1, dtype=np.int32)
-        for runs in sets:
-            newest_looks(runs.cells, runs.offsets, runs.last, self._tiles.block_of_tile, newest)
-        return dict(zip(self._tiles.blocks, newest.tolist(), strict=True))
 
     def is_empty(self, where: Where) -> bool:
         """Whether nothing was seen there."""
@@ -198,6 +202,7 @@ class Blocks:
 
     def cells(self, where: Where) -> Cells:
         """The intervals of the cells of a block of zoom 0."""
+        self._all_read.wait()
         return self._kept("cells", where, self._read_cells)  # type: ignore[return-value]
 
     def states(self, where: Where) -> States:
@@ -218,60 +223,66 @@ class Blocks:
             return Looks(cells.offsets, cells.first, cells.last)
         return self._kept("looks", where, self._pool_looks)  # type: ignore[return-value]
 
-    def take_all(self, read_all: Callable[[], Iterable[Runs]]) -> None:
+    def take_all(self, read_all: Callable[[], tuple[TileIndex, list[Runs]]]) -> None:
         """Make all blocks of the lowest zoom at once; who asks for one meanwhile waits.
 
         Parameters
         ----------
         read_all : callable
-            Gives all intervals, in sets from oldest to newest.
+            Gives all intervals, in sets from oldest to newest, and the tiles that they are numbered by.
         """
-        with self._making:
-            sets = list(read_all())
+        self._all_read.clear()
+        try:
+            tiles, sets = read_all()
+
+            def make(where: Where) -> Cells:
+                rows, cols = self._tiles.positions(where)
+                return _cells_of(rows, cols, numbers_at(tiles, rows, cols), sets)
+
             for where in self._tiles.blocks:
-                self._kept("cells", where, lambda where: self._cells_of(where, sets))
+                self._kept("cells", where, make)
+        finally:
+            self._all_read.set()
 
     def _kept(
         self, kind: str, where: Where, make: Callable[[Where], Cells | States | Looks]
     ) -> Cells | States | Looks:
+        """What is held, or else made now: by one thread, while others that want the same wait for it."""
         key = kind, where
-        found = self._recalled(key)
-        if found is not None:
+        while True:
+            with self._holding:
+                found = self._held.get(key)
+                if found is not None:
+                    self._held.move_to_end(key)
+                    return found
+                others = self._in_work.get(key)
+                if others is None:
+                    done = self._in_work[key] = threading.Event()
+                    made_of = self._n_followed
+                    break
+            others.wait()
+        try:
+            found = make(where)
+            with self._holding:
+                if made_of == self._n_followed:  # else it may be of before the history grew
+                    self._hold(key, found)
             return found
-        with self._making:
-            found = self._recalled(key)
-            if found is None:
-                found = make(where)
-                with self._holding:
-                    self._held[key] = found
-                    self.held_bytes += found.nbytes
-                    while self.held_bytes > self.budget_bytes and len(self._held) > 1:
-                        self.held_bytes -= self._held.popitem(last=False)[1].nbytes
-        return found
+        finally:
+            with self._holding:
+                del self._in_work[key]
+            done.set()
 
-    def _recalled(self, key: tuple[str, Where]) -> Cells | States | Looks | None:
-        with self._holding:
-            found = self._held.get(key)
-            if found is not None:
-                self._held.move_to_end(key)
-            return found
+    def _hold(self, key: tuple[str, Where], found: Cells | States | Looks) -> None:
+        self._held[key] = found
+        self.held_bytes += found.nbytes
+        if isinstance(found, Cells):
+            self._newest[key[1]] = int(found.last.max(initial=-1))
+        while self.held_bytes > self.budget_bytes and len(self._held) > 1:
+            self.held_bytes -= self._held.popitem(last=False)[1].nbytes
 
     def _read_cells(self, where: Where) -> Cells:
-        return self._cells_of(where, list(self._read(self._tiles.tiles(where))))
-
-    def _cells_of(self, where: Where, sets: list[Runs]) -> Cells:
-        tiles, pixels = self._tiles.tiles(where), self._tiles.pixels(where)
-        places = np.zeros(PIXELS + 1, dtype=np.int64)
-        for runs in sets:
-            count_intervals(runs.cells, runs.offsets, tiles, pixels, places)
-        np.cumsum(places, out=places)
-        n = int(places[-1])
-        offsets = places.astype(np.int32)
-        first, last, state = np.empty(n, np.int32), np.empty(n, np.int32), np.empty(n, np.uint8)
-        for runs in sets:
-            take_intervals(*runs, tiles, pixels, OCCUPIED_ABOVE, places, first, last, state)
-        self._newest[where] = int(last.max(initial=-1))
-        return Cells(offsets, first, last, state)
+        rows, cols = self._tiles.positions(where)
+        return _cells_of(rows, cols, *self._read(rows, cols))
 
     def _pool_states(self, where: Where) -> States:
         parts = [_pooled_states(self.states(quarter)) for quarter in where.quarters]
@@ -284,6 +295,35 @@ class Blocks:
         offsets = _joined_offsets([part.offsets for part in parts])
         first, last = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
         return Looks(offsets, first, last)
+
+
+def _at_all_zooms(blocks: Iterable[Where]) -> set[Where]:
+    """Some blocks of the lowest zoom, and those above that show them."""
+    known = set(blocks)
+    above = known
+    for z in range(1, MOST_ZOOMS + 1):
+        above = {Where(z, where.row >> 1, where.col >> 1) for where in above}
+        known |= above
+    return known
+
+
+def _cells_of(
+    rows: NDArray[np.int32], cols: NDArray[np.int32], numbers: NDArray[np.int32], sets: list[Runs]
+) -> Cells:
+    """The intervals of a block's tiles, at some rows and cols, by the numbers that the tiles have in some sets."""
+    order = np.argsort(numbers)
+    order = order[np.searchsorted(numbers, 0, sorter=order) :]  # without those that the history has not yet
+    tiles, pixels = numbers[order], _pixels(rows[order], cols[order])
+    places = np.zeros(PIXELS + 1, dtype=np.int64)
+    for runs in sets:
+        count_intervals(runs.cells, runs.offsets, tiles, pixels, places)
+    np.cumsum(places, out=places)
+    n = int(places[-1])
+    offsets = places.astype(np.int32)
+    first, last, state = np.empty(n, np.int32), np.empty(n, np.int32), np.empty(n, np.uint8)
+    for runs in sets:
+        take_intervals(*runs, tiles, pixels, OCCUPIED_ABOVE, places, first, last, state)
+    return Cells(offsets, first, last, state)
 
 
 def _pooled_states(states: States) -> States:

@@ -19,8 +19,9 @@ from tempog.grid.history import History
 from tempog.grid.segments import Runs
 from tempog.methods import Method
 from tempog.sensing.grid_spec import Extent
+from tempog.sensing.tiles import NO_TILE, TileIndex
 from tempog.times import NS_PER_S
-from tempog.views.web.blocks import MOST_ZOOMS, SIDE, Blocks, Where
+from tempog.views.web.blocks import MOST_ZOOMS, SIDE, Blocks, TilesOfBlocks, Where, numbers_at
 from tempog.views.web.finding import Finder, Findings
 from tempog.views.web.layers import Theme, palette
 from tempog.views.web.png import encode_png
@@ -155,12 +156,12 @@ class Model:
         self._prepared_s, self._preparing_took_s = -math.inf, 0.0
         self._walked: tuple[str, Pyramid, int] | None = None
         self._moving: tuple[str, Blocks] | None = None
-        newest = self._newest_history()
-        self._opened: History | None = None if source.live else newest
-        self._opened_name = source.version
-        self._opened_s = time.monotonic()
-        self.version = self._version_of(newest)
-        self.blocks = Blocks(newest.tiles, self._read, block_bytes)
+        self._opened: History | None = None
+        self._opened_name, self._opened_s = "", time.monotonic()
+        with source.lock:
+            self.version = self._version_now()
+            tiles = TilesOfBlocks(source.history().tiles)
+        self.blocks = Blocks(tiles, self._read, block_bytes)
 
     # The map.
 
@@ -168,13 +169,16 @@ class Model:
         """See whether the map grew, and follow it if so."""
         if not self.source.look():
             return False
-        history = self._newest_history()
-        before, now = self.version, self._version_of(history)
+        with self.source.lock:
+            history = self.source.history()
+            before, now = self.version, self._version_now()
+            tiles = TilesOfBlocks(history.tiles)
+            latest = list(history.latest_runs(history.last_scan)) if history.n_scans else []
         n = len(before.stamps_ns)
         if np.array_equal(now.stamps_ns[:n], before.stamps_ns):
-            self.blocks.follow(history.tiles, self._read, self._latest(history))
+            self.blocks.follow(tiles, latest)
         else:  # its scans are numbered anew
-            self.blocks = Blocks(history.tiles, self._read, self._block_bytes)
+            self.blocks = Blocks(tiles, self._read, self._block_bytes)
         self.version = now
         return True
 
@@ -189,31 +193,32 @@ class Model:
 
         What it reads stays in memory until nobody asked for a while.
         """
+        return self._whole(self.version.name)
+
+    def _whole(self, name: str) -> History:
         with self._changing:
-            name = self.version.name
             if self._opened is None or self._opened_name != name:
                 self._opened, self._opened_name = self.source.apart(), name
             self._opened_s = time.monotonic()
             return self._opened
 
-    def _newest_history(self) -> History:
-        return self.source.history() if self.source.live else self.source.apart()
+    def _version_now(self) -> Version:
+        source = self.source
+        history = source.history()
+        extent = history.extent
+        side = max(extent.n_rows, extent.n_cols, 1)
+        n_zooms = min(max(math.ceil(math.log2(side / SIDE)), 0), MOST_ZOOMS) + 1
+        # Strands that are merged are read for this, and should be let go of.
+        counted = history if source.live else self._whole(source.version)
+        counts = counted.n_cells, counted.n_intervals
+        return Version(source.version, history.stamps_ns.copy(), extent, *counts, n_zooms)
 
-    def _version_of(self, history: History) -> Version:
+    def _read(self, rows: NDArray[np.int32], cols: NDArray[np.int32]) -> tuple[NDArray[np.int32], list[Runs]]:
+        """What `Blocks` reads; numbers and intervals of one moment, as both may change while a robot maps."""
         with self.source.lock:
-            extent = history.extent
-            side = max(extent.n_rows, extent.n_cols, 1)
-            n_zooms = min(max(math.ceil(math.log2(side / SIDE)), 0), MOST_ZOOMS) + 1
-            counts = history.n_cells, history.n_intervals
-            return Version(self.source.version, history.stamps_ns.copy(), extent, *counts, n_zooms)
-
-    def _latest(self, history: History) -> list[Runs]:
-        with self.source.lock:
-            return list(history.latest_runs(history.last_scan)) if history.n_scans else []
-
-    def _read(self, tiles: NDArray[np.int32]) -> list[Runs]:
-        with self.source.lock:
-            return list(self.source.history().runs_of_tiles(tiles))
+            history = self.source.history()
+            numbers = numbers_at(history.tiles, rows, cols)
+            return numbers, list(history.runs_of_tiles(np.sort(numbers[numbers != NO_TILE])))
 
     def warm_up(self) -> None:
         """Compile the kernels, read the map and begin to find objects; in a thread of its own."""
@@ -222,7 +227,7 @@ class Model:
     def _warm_up(self) -> None:
         try:
             if self.version.n_intervals * BYTES_PER_INTERVAL < self._block_bytes:
-                self.blocks.take_all(self._all_runs)
+                self.blocks.take_all(self._read_all)
             moment = self.moment(self.version.duration_s, math.inf)
             for where in {Where(z, w.row >> z, w.col >> z) for w in self.blocks.where for z in [self.top_zoom]}:
                 occupancy_codes(self.blocks, where, moment)
@@ -232,11 +237,12 @@ class Model:
             _log.warning("the map could not be read ahead: %s", error)
         self.finder.start()
 
-    def _all_runs(self) -> list[Runs]:
-        if not self.source.live:
-            return list(self.whole().runs())
+    def _read_all(self) -> tuple[TileIndex, list[Runs]]:
         with self.source.lock:
-            return list(self.source.history().runs())
+            history = self.source.history()
+            if not self.source.live and len(self.whole().stamps_ns) == len(history.stamps_ns):
+                history = self.whole()  # which is let go of, and is the same unless it grew just now
+            return history.tiles, list(history.runs())
 
     @property
     def top_zoom(self) -> int:
@@ -313,9 +319,12 @@ class Model:
         if findings is None:
             return None
         if self._moving is None or self._moving[0] != findings.version:
-            moving = [findings.moving]
-            tiles = findings.found.history.tiles
-            self._moving = findings.version, Blocks(tiles, lambda _: moving, self._block_bytes // 8)
+            moving, tiles = [findings.moving], findings.found.history.tiles
+
+            def read(rows: NDArray[np.int32], cols: NDArray[np.int32]) -> tuple[NDArray[np.int32], list[Runs]]:
+                return numbers_at(tiles, rows, cols), moving
+
+            self._moving = findings.version, Blocks(TilesOfBlocks(tiles), read, self._block_bytes // 8)
         return self._moving[1]
 
     # Pictures.

@@ -20,6 +20,7 @@ import sizes
 import startup
 import storage
 import tables
+import view
 from report import Section, describe_run
 
 import bags
@@ -44,6 +45,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "cluster": cluster.run,
     "storage": storage.run,
     "live": live.run,
+    "view": view.run,
 }
 # Half an hour of no use to a user of tempog, and parts of `storage`.
 ON_REQUEST: dict[str, Benchmark] = {"tables": tables.run} | storage.PARTS

@@ -130,7 +130,7 @@ class Site:
             try:
                 await asyncio.to_thread(self.model.look)
                 self.model.tidy()
-            except TempogError:
+            except (TempogError, OSError):
                 continue  # what was read last is shown on
 
     # The page.
@@ -345,7 +345,7 @@ def _answering(handler: Callable[[Request], Awaitable[Response]]) -> Callable[[R
             return answer
         except answers.UnanswerableError as error:
             return refusal(400, str(error))
-        except TempogError as error:
-            return refusal(503, str(error))
+        except (TempogError, OSError, MemoryError) as error:
+            return refusal(503, str(error) or "there is not enough memory for this")
 
     return answering

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 from tempog.grid.history import OCCUPIED_ABOVE
 from tempog.grid.segments import Runs
 from tempog.sensing.tiles import TILE, TILE_BITS, TILE_CELLS, TileIndex
-from tempog.views.web.kernels import count_intervals, newest_looks, pool_looks, pool_states, take_intervals
+from tempog.views.web.kernels import (
+    count_intervals,
+    last_looks_while_occupied,
+    newest_looks,
+    pool_last_looks,
+    pool_looks,
+    pool_states,
+    take_intervals,
+)
 
 SIDE_BITS = 8
 SIDE = 1 << SIDE_BITS  # pixels along one side of a block, and of a tile of the picture
@@ -223,6 +231,13 @@ class Blocks:
             return Looks(cells.offsets, cells.first, cells.last)
         return self._kept("looks", where, self._pool_looks)  # type: ignore[return-value]
 
+    def occupied(self, where: Where) -> Looks:
+        """From which scan on the pixels of a block were seen occupied last at which; see the kernel."""
+        if where not in self._known:
+            return NO_LOOKS
+        make = self._last_looks if where.z == 0 else self._pool_last_looks
+        return self._kept("occupied", where, make)  # type: ignore[return-value]
+
     def take_all(self, read_all: Callable[[], tuple[TileIndex, list[Runs]]]) -> None:
         """Make all blocks of the lowest zoom at once; who asks for one meanwhile waits.
 
@@ -285,16 +300,20 @@ class Blocks:
         return _cells_of(rows, cols, *self._read(rows, cols))
 
     def _pool_states(self, where: Where) -> States:
-        parts = [_pooled_states(self.states(quarter)) for quarter in where.quarters]
-        offsets = _joined_offsets([part.offsets for part in parts])
-        since, state = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
-        return States(offsets, since, state)
+        return States(*_pooled(pool_states, [self.states(quarter) for quarter in where.quarters]))
 
     def _pool_looks(self, where: Where) -> Looks:
-        parts = [_pooled_looks(self.looks(quarter)) for quarter in where.quarters]
-        offsets = _joined_offsets([part.offsets for part in parts])
-        first, last = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
-        return Looks(offsets, first, last)
+        return Looks(*_pooled(pool_looks, [self.looks(quarter) for quarter in where.quarters]))
+
+    def _last_looks(self, where: Where) -> Looks:
+        cells = self.cells(where)
+        offsets = np.zeros(PIXELS + 1, dtype=np.int32)
+        since, last = np.empty_like(cells.first), np.empty_like(cells.last)
+        n = last_looks_while_occupied(*cells, offsets, since, last)
+        return Looks(offsets, since[:n].copy(), last[:n].copy())
+
+    def _pool_last_looks(self, where: Where) -> Looks:
+        return Looks(*_pooled(pool_last_looks, [self.occupied(quarter) for quarter in where.quarters]))
 
 
 def _at_all_zooms(blocks: Iterable[Where]) -> set[Where]:
@@ -326,20 +345,15 @@ def _cells_of(
     return Cells(offsets, first, last, state)
 
 
-def _pooled_states(states: States) -> States:
-    offsets = np.zeros(PIXELS // 4 + 1, dtype=np.int32)
-    since, state = np.empty_like(states.since), np.empty_like(states.state)
-    n = pool_states(*states, offsets, since, state)
-    return States(offsets, since[:n], state[:n])
-
-
-def _pooled_looks(looks: Looks) -> Looks:
-    offsets = np.zeros(PIXELS // 4 + 1, dtype=np.int32)
-    first, last = np.empty_like(looks.first), np.empty_like(looks.last)
-    n = pool_looks(*looks, offsets, first, last)
-    return Looks(offsets, first[:n], last[:n])
-
-
-def _joined_offsets(parts: list[NDArray[np.int32]]) -> NDArray[np.int32]:
-    lengths = np.concatenate([[0], *(np.diff(part) for part in parts)])
-    return np.cumsum(lengths).astype(np.int32)
+def _pooled(pool: Callable[..., int], quarters: Sequence[States | Looks]) -> tuple[NDArray[Any], ...]:
+    """The lists of a block that a kernel makes of those of its quarters."""
+    lengths: list[NDArray[np.int32]] = []
+    columns: list[tuple[NDArray[Any], NDArray[Any]]] = []
+    for quarter in quarters:
+        offsets = np.zeros(PIXELS // 4 + 1, dtype=np.int32)
+        scans, values = np.empty_like(quarter[1]), np.empty_like(quarter[2])
+        n = pool(*quarter, offsets, scans, values)
+        lengths.append(np.diff(offsets))
+        columns.append((scans[:n], values[:n]))
+    offsets = np.append(0, np.cumsum(np.concatenate(lengths))).astype(np.int32)
+    return offsets, *(np.concatenate([column[k] for column in columns]) for k in (0, 1))

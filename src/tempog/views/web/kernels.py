@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tempog._jit import kernel
 
 NOTHING, FREE, OCCUPIED = 0, 1, 2  # states of a pixel; of several, the largest counts
+NEVER = -1  # instead of a scan
 
 
 @kernel
@@ -162,6 +163,100 @@ def pool_looks(
                 n_out += 1
         out_offsets[i + 1] = n_out
     return n_out
+
+
+@kernel
+def last_looks_while_occupied(
+    offsets: NDArray[np.int32],
+    first: NDArray[np.int32],
+    last: NDArray[np.int32],
+    state: NDArray[np.uint8],
+    out_offsets: NDArray[np.int32],
+    out_since: NDArray[np.int32],
+    out_last: NDArray[np.int32],
+) -> int:
+    """From which scan on each pixel was seen occupied last at which scan, or NEVER; returns how many there are.
+
+    out_offsets (n + 1,), out_since and out_last of room for all intervals   [written]
+    """
+    n_out = 0
+    out_offsets[0] = 0
+    for i in range(out_offsets.shape[0] - 1):
+        before = NEVER
+        for k in range(offsets[i], offsets[i + 1]):
+            now = last[k] if state[k] == OCCUPIED else NEVER
+            if now != before:
+                out_since[n_out], out_last[n_out] = first[k], now
+                n_out += 1
+                before = now
+        out_offsets[i + 1] = n_out
+    return n_out
+
+
+@kernel
+def pool_last_looks(
+    offsets: NDArray[np.int32],
+    since: NDArray[np.int32],
+    last: NDArray[np.int32],
+    out_offsets: NDArray[np.int32],
+    out_since: NDArray[np.int32],
+    out_last: NDArray[np.int32],
+) -> int:
+    """Of each four pixels' `last_looks_while_occupied` the latest; returns how many there are.
+
+    out_offsets (n / 4 + 1,), out_since and out_last of room for all   [written]
+    """
+    n_out = 0
+    at = np.empty(4, dtype=np.int64)
+    now = np.empty(4, dtype=np.int32)
+    out_offsets[0] = 0
+    for i in range(out_offsets.shape[0] - 1):
+        for q in range(4):
+            at[q], now[q] = offsets[4 * i + q], NEVER
+        before = NEVER
+        while True:
+            scan = 2**31 - 1
+            for q in range(4):
+                if at[q] < offsets[4 * i + q + 1] and since[at[q]] < scan:
+                    scan = since[at[q]]
+            if scan == 2**31 - 1:
+                break
+            latest = NEVER
+            for q in range(4):
+                while at[q] < offsets[4 * i + q + 1] and since[at[q]] == scan:
+                    now[q] = last[at[q]]
+                    at[q] += 1
+                latest = max(latest, now[q])
+            if latest != before:
+                out_since[n_out], out_last[n_out] = scan, latest
+                n_out += 1
+                before = latest
+        out_offsets[i + 1] = n_out
+    return n_out
+
+
+@kernel
+def mark_occupied(
+    offsets: NDArray[np.int32],
+    since: NDArray[np.int32],
+    last: NDArray[np.int32],
+    until: int,
+    oldest: int,
+    places: NDArray[np.int32],
+    out: NDArray[np.uint8],
+) -> None:
+    """OCCUPIED for each pixel that is so at scan `until`, and was seen so since scan `oldest`   [written]."""
+    for i in range(offsets.shape[0] - 1):
+        begin = offsets[i]
+        low, high = begin, offsets[i + 1]
+        while low < high:
+            middle = (low + high) >> 1
+            if since[np.uint64(middle)] <= until:
+                low = middle + 1
+            else:
+                high = middle
+        if low > begin and last[np.uint64(low - 1)] >= oldest:
+            out[places[i]] = OCCUPIED
 
 
 @kernel

@@ -233,9 +233,10 @@ class Model:
                 occupancy_codes(self.blocks, where, moment)
                 age_codes(self.blocks, where, moment)
             self.prepared().exception()
-        except TempogError as error:
+        except (TempogError, OSError, MemoryError) as error:
             _log.warning("the map could not be read ahead: %s", error)
-        self.finder.start()
+        finally:
+            self.finder.start()
 
     def _read_all(self) -> tuple[TileIndex, list[Runs]]:
         with self.source.lock:
@@ -283,7 +284,7 @@ class Model:
         try:
             with self.asking:
                 prepared = prepare(self.whole(), version.n_zooms, version.name)
-        except (TempogError, MemoryError) as error:
+        except Exception as error:  # whoever waits for it is told
             future.set_exception(error)
             return
         self._preparing_took_s = time.monotonic() - begin_s

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from tempog.sensing.grid_spec import Extent
 from tempog.times import MAX_NS, NS_PER_S
 from tempog.views.web.blocks import PIXELS, PLACES, SIDE, Blocks, Where
-from tempog.views.web.kernels import ages_at, held_states_at, states_at
+from tempog.views.web.kernels import ages_at, held_states_at, mark_occupied, states_at
 from tempog.views.web.layers import N_AGES
 
 Codes = NDArray[np.uint8]
 SHORTEST_FADE_S, LONGEST_FADE_S = 60.0, 7 * 86_400.0
+NO_CLASSES = np.empty(0, dtype=np.int32)  # of ages: all that was seen is of the first, whose code is 1, as of FREE
 LEAST_FADE_S = 1.0  # age from which on the veil begins
 
 
@@ -69,10 +70,11 @@ def occupancy_codes(blocks: Blocks, where: Where, moment: MomentScans) -> Codes 
     """
     if moment.until < 0 or blocks.is_empty(where):
         return None
-    if moment.oldest > 0 and where.z > 0:
-        return pooled([occupancy_codes(blocks, quarter, moment) for quarter in where.quarters])
     codes = np.zeros(PIXELS, dtype=np.uint8)
-    if moment.oldest > 0:
+    if moment.oldest > 0 and where.z > 0:
+        ages_at(*blocks.looks(where), moment.until, moment.oldest, NO_CLASSES, PLACES, codes)
+        mark_occupied(*blocks.occupied(where), moment.until, moment.oldest, PLACES, codes)
+    elif moment.oldest > 0:
         held_states_at(*blocks.cells(where), moment.until, moment.oldest, PLACES, codes)
     else:
         states_at(*blocks.states(where), moment.until, PLACES, codes)
@@ -93,21 +95,8 @@ def seen_codes(blocks: Blocks, where: Where, scan: int) -> Codes | None:
     if scan < 0 or blocks.is_empty(where):
         return None
     codes = np.zeros(PIXELS, dtype=np.uint8)
-    ages_at(*blocks.looks(where), scan, scan, np.empty(0, dtype=np.int32), PLACES, codes)
+    ages_at(*blocks.looks(where), scan, scan, NO_CLASSES, PLACES, codes)
     return codes.reshape(SIDE, SIDE)
-
-
-def pooled(quarters: list[Codes | None]) -> Codes | None:
-    """The picture of four quarters, each given at twice the size; the largest of four pixels counts."""
-    if all(codes is None for codes in quarters):
-        return None
-    whole = np.zeros((SIDE, SIDE), dtype=np.uint8)
-    half = SIDE // 2
-    for k, codes in enumerate(quarters):
-        if codes is not None:
-            top, left = half * (k < 2), half * (k % 2)  # the first two lie in the south
-            whole[top : top + half, left : left + half] = codes.reshape(half, 2, half, 2).max(axis=(1, 3))
-    return whole
 
 
 @dataclass(frozen=True)

@@ -93,6 +93,35 @@ def test_what_cannot_be_is_refused(site, tempog, words, said):
     assert said in answer.err
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--rerun", "--rrd", "site.rrd"], "one or the other"),
+        (["--rerun", "--port", "1234"], "leave them out"),
+        (["--rrd", "site.rrd", "--tz", "Europe/Athens"], "leave them out"),
+        (["--no-open", "--force"], "--rrd"),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused(site, tempog, tmp_path, monkeypatch, words, said):
+    monkeypatch.chdir(tmp_path)
+    answer = tempog("view", site, *words)
+    assert answer.code == 2
+    assert said in answer.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_recording_for_rerun_is_written_instead(site, tempog, tmp_path):
+    pytest.importorskip("rerun")
+    recording = tmp_path / "site.rrd"
+    answer = tempog("view", site, "--rrd", recording)
+    assert (answer.code, answer.out) == (0, f"{recording}: a recording of {site}; open it with rerun\n")
+    assert recording.read_bytes()[:4] == b"RRF2"
+    again = tempog("view", site, "--rrd", recording)
+    assert again.code == 1
+    assert "exists already" in again.err
+    assert tempog("view", site, "--rrd", recording, "--force").code == 0
+
+
 def test_no_map_no_viewer(tmp_path, tempog):
     answer = tempog("view", tmp_path / "nothing.tempog", "--no-open")
     assert answer.code == 1

@@ -6,7 +6,7 @@ import math
 from itertools import pairwise
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from fixed_history import FixedHistory, cells_of, tiles_of
@@ -148,9 +148,10 @@ def test_blocks_that_are_read_at_once_or_let_go_of_say_the_same(data, history):
     moment = scans_at(history.stamps_ns, data.draw(moments(history)), math.inf, 60.0)
     at_once, forgetful = blocks_of(history), blocks_of(history, 1)
     at_once.take_all(lambda: (history.tiles, list(history.runs())))
+    afresh = blocks_of(history)
     for z in (0, 2):
         for where in tiles_to_ask(history, z):
-            expected = dense(occupancy_codes(blocks_of(history), where, moment))
+            expected = dense(occupancy_codes(afresh, where, moment))
             for blocks in (at_once, forgetful):
                 np.testing.assert_array_equal(dense(occupancy_codes(blocks, where, moment)), expected)
     assert len(forgetful._held) <= 1
@@ -159,14 +160,13 @@ def test_blocks_that_are_read_at_once_or_let_go_of_say_the_same(data, history):
 @QUICK
 @given(st.data(), histories())
 def test_blocks_follow_a_history_that_grows(data, history):
-    n = data.draw(st.integers(1, N_SCANS))
+    n, late = data.draw(st.integers(1, N_SCANS)), cells_of(history)
     early = {
         cell: [(first, min(last, n - 1), value) for first, last, value in intervals if first < n]
-        for cell, intervals in cells_of(history).items()
+        for cell, intervals in late.items()
     }
     early = {cell: intervals for cell, intervals in early.items() if intervals}
-    if not early:
-        return
+    assume(early)
     tiles = {(row // 8, col // 8) for row, col in early}
     before = FixedHistory(history.config, tiles, history.stamps_ns[:n], history.poses[:n], early)
     # Tiles of `history` are numbered otherwise than those of `before`; what is read is of the newest.
@@ -181,19 +181,16 @@ def test_blocks_follow_a_history_that_grows(data, history):
     changed = blocks.follow(TilesOfBlocks(history.tiles), history.runs())
     untouched = {
         Where(0, row >> 8, col >> 8)
-        for row, col in cells_of(history)
-        if all(
-            cells_of(history)[cell] == early.get(cell)
-            for cell in cells_of(history)
-            if (cell[0] >> 8, cell[1] >> 8) == (row >> 8, col >> 8)
-        )
+        for row, col in late
+        if all(late[cell] == early.get(cell) for cell in late if (cell[0] >> 8, cell[1] >> 8) == (row >> 8, col >> 8))
     }
     assert not untouched & set(changed)
     moment = scans_at(history.stamps_ns, data.draw(moments(history)), math.inf, 60.0)
+    afresh = blocks_of(history)
     for z in range(3):
         for where in tiles_to_ask(history, z):
             for codes_of in (occupancy_codes, age_codes):
-                expected = dense(codes_of(blocks_of(history), where, moment))
+                expected = dense(codes_of(afresh, where, moment))
                 np.testing.assert_array_equal(dense(codes_of(blocks, where, moment)), expected)
 
 

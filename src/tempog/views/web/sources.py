@@ -216,6 +216,8 @@ class LiveSource:
     ...     source.look(), source.history().n_scans
     (True, 20)
 
+    Who maps by other means holds `lock` whenever the map or the tracker changes, and may exchange `tracker` then.
+
     Parameters
     ----------
     live : LiveMap
@@ -265,14 +267,15 @@ class LiveSource:
 
     def found(self) -> FoundObjects | None:
         """What the tracker follows."""
-        return self.tracker.found if self.tracker is not None else None
+        with self.lock:
+            return self.tracker.found if self.tracker is not None else None
 
     def now(self) -> Now | None:
         """What the tracker says after the last scan."""
-        if self.tracker is None or not self.map.n_scans:
-            return None
         with self.lock:
             tracker = self.tracker
+            if tracker is None or not self.map.n_scans:
+                return None
             objects = {one.id: tracker.where(one.id) for one in tracker.found.objects}
             points = [(x, y) for x, y in tracker.high_dynamic.points_map.tolist()]
             return Now(int(self.map.stamps_ns[self.map.last_scan]), objects, points)

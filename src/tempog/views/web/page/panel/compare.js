@@ -53,6 +53,7 @@ export class ComparePanel {
   async load() {
     this.#asking?.abort();
     const { a, b } = this.state.now;
+    byId("compare-clear").hidden = a === null && b === null;
     this.moments.a.show(a);
     this.moments.b.show(b);
     this.changed = this.chosen = null;

@@ -33,7 +33,7 @@ export class ObjectList {
     this.search = el("input", {
       type: "search",
       id: "object-search",
-      placeholder: "Search: number, place, kind",
+      placeholder: "Search: number or place",
       "aria-label": "Search objects",
       autocomplete: "off",
       input: () => this.#find(),

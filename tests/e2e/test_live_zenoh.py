@@ -6,12 +6,13 @@ import json
 import signal
 import threading
 import time
+import urllib.request
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
-from live_peers import Robot, Router, start_tempog, until, zenoh_router
+from live_peers import Robot, Router, free_port, start_tempog, until, zenoh_router
 from same_history import room_scans
 from tempog.live import outgoing, ros2_names
 from tempog.live.replay import Replay
@@ -335,6 +336,46 @@ def test_a_loop_goes_on_in_time(tmp_path, scans, router):
     assert player.n_scans == len(stamps) == 90
     assert stamps[0] == 10**9
     assert set(np.diff(stamps).tolist()) == {100_000_000}
+
+
+def test_the_map_is_shown_while_it_grows(tmp_path, scans, router):
+    pytest.importorskip("uvicorn", reason="the extra view is not installed")
+    port = free_port()
+    live = start_tempog("live", tmp_path / "live.tempog", "--zenoh", router.endpoint, "--queue", 1000, "--view", port)
+
+    def shown(what):
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/api/{what}", timeout=10) as answer:
+            return json.load(answer)
+
+    transport = connect(router.connection())
+    robot = Robot(transport)
+    robot.stand()
+    until(robot.is_heard, "start")
+    for scan in scans[:50]:
+        robot.say(scan)
+    until(lambda: shown("map")["n_scans"] == 50, "50 scans on the page")
+    assert shown("map")["live"]
+    before = shown("map")["version"]
+    for scan in scans[50:]:
+        robot.say(scan)
+    until(lambda: shown("map")["n_scans"] == 100, "100 scans on the page")
+    assert shown("map")["version"] != before
+    x, y = scans[0].x, scans[0].y
+    assert [interval[2] < 0.5 for interval in shown(f"cell?x={x + 0.3}&y={y + 0.3}")["intervals"]] == [True]
+    live.send_signal(signal.SIGINT)
+    _, err = live.communicate(timeout=60)
+    transport.close()
+    assert live.returncode == 0, err
+    assert f"http://127.0.0.1:{port}/" in err
+    assert_mapped(tmp_path / "live.tempog", scans)
+
+
+@pytest.mark.parametrize("view", ["here", "127.0.0.1:", "99999"])
+def test_a_page_without_a_port_is_wrong_usage(tmp_path, tempog, view):
+    result = tempog("live", tmp_path / "live.tempog", "--view", view)
+    assert result.code == 2
+    assert "names no port" in result.err
+    assert not (tmp_path / "live.tempog").exists()
 
 
 def test_an_endpoint_that_is_none_is_wrong_usage(tmp_path, tempog):

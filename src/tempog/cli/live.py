@@ -7,9 +7,10 @@ import math
 import sys
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -39,6 +40,7 @@ from tempog.times import parse_duration
 if TYPE_CHECKING:
     from tempog.live.robot import LiveRobot
     from tempog.store.live_map import LiveMap
+    from tempog.views.web.sources import LiveSource
 
 MAP_SETTINGS = ("resolution", "max_range", "gap")
 SAY_S = 60.0  # s between two lines about how it goes, where there is no terminal
@@ -67,7 +69,7 @@ def live(
     session: Annotated[str, typer.Option(metavar="ID", help="A name for the session. Default: from the date.")] = "",
     window: Annotated[
         str, typer.Option(metavar="DURATION", help="How much history stays in memory; all is on disk.")
-    ] = "24h",
+    ] = "10min",
     publish_every: Annotated[
         float, typer.Option(metavar="S", min=0, help="Seconds between two current maps; 0: none.")
     ] = 2.0,
@@ -83,6 +85,10 @@ def live(
     ] = SensingConfig.max_range_m,
     gap: Annotated[str, typer.Option(help="Of a new map: a cell unseen for longer starts a new interval.")] = "2s",
     duration: Annotated[str | None, typer.Option(metavar="DURATION", help="End after so long.")] = None,
+    view: Annotated[
+        str | None,
+        typer.Option(metavar="[HOST:]PORT", help="Also show the map in a page, as tempog view does. Such as 8765."),
+    ] = None,
     quiet: QuietFlag = False,
     json: JsonFlag = False,
 ) -> None:
@@ -96,6 +102,7 @@ def live(
         SensingConfig(max_range_m=max_range), GridConfig(resolution_m=resolution, gap_s=parse_gap(gap, math.nan))
     )
     parse_duration(window)
+    page = None if view is None else _address(view)
     ends_s = math.inf if duration is None else parse_duration(duration)
     from tempog.live.robot import LASER_PERIOD_S, LiveRobot, LiveSettings
     from tempog.live.stopping import Stop
@@ -104,6 +111,9 @@ def live(
     from tempog.ros.messages import Codec
     from tempog.store.live_map import LiveMap
 
+    if page is not None:
+        from tempog.views.web.serve import serve_in_thread
+        from tempog.views.web.sources import LiveSource
     connection = connection_of(zenoh, bridge, ros1, domain, namespace, node="tempog")
     settings = LiveSettings(
         tuple(scan_topic or ["scan"]),
@@ -128,8 +138,8 @@ def live(
             scan_period_s=LASER_PERIOD_S,
         ) as map_on_disk,
     ):
-        for note in map_on_disk.repaired:
-            print_note(note)
+        for repaired in map_on_disk.repaired:
+            print_note(repaired)
         with status("getting ready", wants_progress(quiet or json)):
             warm_up(map_on_disk.config, Codec("ros1" if ros1 else "ros2"))
         gc.collect()
@@ -141,12 +151,19 @@ def live(
                 return
             raise
         quiet_note: Callable[[str], None] = lambda text: None  # noqa: E731
-        mapper = LiveRobot(transport, map_on_disk, settings, note=quiet_note if quiet else print_note)
+        note = quiet_note if quiet else print_note
+        source = None if page is None else LiveSource(map_on_disk)
+        mapper = LiveRobot(transport, map_on_disk, settings, note=note, guard=source.lock if source else None)
         if not quiet and not json:
             typer.echo(f"{map_path}: listening to {transport.where}; Ctrl-C ends and saves", err=True)
         hurried = False
+        viewer: AbstractContextManager[Any] = nullcontext()
         try:
-            _run(mapper, stop, time.monotonic() + ends_s, quiet=quiet or json)
+            if source is not None and page is not None:
+                viewer = serve_in_thread(source, *page)
+                typer.echo(f"the map as it grows: {viewer.url}", err=True)
+            with viewer:
+                _run(mapper, stop, time.monotonic() + ends_s, source, quiet=quiet or json)
             mapper.drain()
             mapper.close()
             map_on_disk.close()
@@ -159,13 +176,29 @@ def live(
     _say_end(mapper, map_on_disk, map_path, hurried, quiet=quiet, json=json)
 
 
-def _run(mapper: LiveRobot, stop: Callable[[], bool], until_s: float, *, quiet: bool) -> None:
+def _address(text: str) -> tuple[str, int]:
+    """Host and port of a page.
+
+    >>> _address("8765"), _address("0.0.0.0:80")
+    (('127.0.0.1', 8765), ('0.0.0.0', 80))
+    """
+    host, _, port = text.rpartition(":")
+    if not port.isdecimal() or int(port) > 65535:
+        raise ConfigError(f"--view {text} names no port; wanted for example 8765, or 0.0.0.0:8765 for other machines")
+    return host or "127.0.0.1", int(port)
+
+
+def _run(
+    mapper: LiveRobot, stop: Callable[[], bool], until_s: float, source: LiveSource | None, *, quiet: bool
+) -> None:
     progress = wants_progress(quiet)
     with status("waiting for scans", progress) as say:
         began_s = said_s = time.monotonic()
         before = 0
         while not stop() and (now_s := time.monotonic()) < until_s:
             mapper.step()
+            if source is not None:
+                source.tracker = mapper.tracker
             if now_s - said_s < (LINE_S if progress else SAY_S):
                 continue
             rate = (mapper.counts.received - before) / (now_s - said_s)

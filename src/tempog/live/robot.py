@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -93,6 +94,8 @@ class LiveRobot:
         Takes a line for people: what was chosen, what is lost and why.
     clock : callable
         Seconds that only grow.
+    guard : context manager, optional
+        Held while the map or the tracker changes; for who reads them from another thread.
 
     Attributes
     ----------
@@ -109,8 +112,10 @@ class LiveRobot:
         *,
         note: Callable[[str], None] = lambda text: None,
         clock: Callable[[], float] = time.monotonic,
+        guard: AbstractContextManager[Any] | None = None,
     ) -> None:
         self.settings = settings or LiveSettings()
+        self._guard = guard if guard is not None else nullcontext()
         self.live, self.counts = live, Counts()
         self.tracker: ObjectTracker | None = None
         self._transport, self._note, self._clock = transport, note, clock
@@ -144,7 +149,8 @@ class LiveRobot:
             self._read(letter)
         now_s = self._clock()
         for _, scan in self._placing.ready(now_s):
-            self._map(scan)
+            with self._guard:
+                self._map(scan)
         self._count()
         self._see_to_objects()
         if now_s >= self._map_s and self.settings.publish_every_s:
@@ -267,7 +273,8 @@ class LiveRobot:
         if not self.settings.objects or not self.counts.mapped:
             return
         if (answer := self._analyst.answer()) is not None:
-            self._take_in(answer)
+            with self._guard:
+                self._take_in(answer)
         if self._analyst.busy or (
             self._asked_ns is not None and self._last_ns - self._asked_ns < FIRST_LOOK_S * NS_PER_S
         ):

@@ -17,7 +17,7 @@ from tempog import ScanError, open_scans
 from tempog.errors import ClockError, ConfigError, ExtraError, MessageError, TransformError
 from tempog.ros.bag_files import files_of, kind_of_file, read_messages
 from tempog.ros.messages import Codec, StampedTransform, string
-from tempog.ros.raw import Reading
+from tempog.ros.raw import ZSTD_MAGIC, Reading
 from tempog.scans.bag_writer import (
     Frames,
     Mount,
@@ -366,6 +366,24 @@ def test_messages_packed_one_by_one_are_read(tmp_path):
                 )
             writer.write(connections[one.topic], one.log_ns, one.raw)
     assert_same(open_scans(tmp_path / "run"), scans)
+
+
+@pytest.mark.parametrize("name", ["run.mcap", "run.db3"])
+def test_a_message_that_cannot_be_unpacked_is_lost_alone(tmp_path, name):
+    with open_bag_writer(tmp_path / name) as bag:
+        encode = bag.codec.encode
+        for message in static_messages(bag.codec):
+            bag.write(message)
+        for k, scan in enumerate(room_scans(10)):
+            if k == 4:
+                bag.codec.encode = lambda message: ZSTD_MAGIC + encode(message)
+            for message in messages_of(scan, bag.codec)[-1 if k == 4 else 0 :]:
+                bag.write(message)
+            bag.codec.encode = encode
+    with pytest.raises(ScanError, match="/scan message 5 cannot be unpacked"):
+        open_bag(tmp_path / name)
+    (log,) = open_bag(tmp_path / name, skip_bad=True)
+    assert (len(log), log.n_skipped) == (9, 1)
 
 
 def test_zstandard_without_a_bag_in_it(tmp_path):

@@ -10,25 +10,23 @@ from typing import Any, BinaryIO
 
 from tempog._extras import need
 from tempog.ros.raw import (
+    ENCODINGS,
+    LANGUAGES,
+    MESSAGES_PER_NEWS,
     MOST_UNPACKED_BYTES,
-    ZSTD_MAGIC,
     RawMessage,
     Reading,
     Topic,
     Wanted,
     type_name,
-    unpacked,
     unpacked_as_far,
 )
 from tempog.ros.sqlite_file import read_sqlite
 
 MCAP, ROS1, ROS2 = "MCAP", "ROS 1 bag", "ROS 2 bag (SQLite)"
 MAGICS = {b"\x89MCAP": MCAP, b"#ROSBAG V": ROS1, b"SQLite format 3\0": ROS2}
-MCAP_LANGUAGES = {"ros2msg": "msg", "ros1msg": "msg", "ros2idl": "idl"}
-ENCODINGS = {"cdr": "ros2"}  # ros1 is called so everywhere
 NO_INDEX = "it has no index, as after a crash of its recorder (rosbag reindex makes one)"
 MOST_NS = 2**63 - 1
-MESSAGES_PER_NEWS = 64
 RECORD_HEAD_BYTES = 9  # of MCAP: kind and length
 
 Messages = Generator[RawMessage, None, None]
@@ -69,7 +67,7 @@ def _ros1(path: Path, wants: Wanted, reading: Reading) -> Messages:
             for k, (one, log_ns, raw) in enumerate(reader.messages(wanted) if wanted else ()):  # none would mean all
                 if k % MESSAGES_PER_NEWS == 0:
                     reading.moved_on(min(size, size * k // n_all))
-                yield from _message(topics[one.id], True, log_ns, raw, reading)
+                yield from reading.take(topics[one.id], True, log_ns, raw)
     except Exception as error:
         reading.lose(f"after {sum(reading.n_messages.values())} messages: {_said(error)}")
         yield from _later(path, size, wants, reading)
@@ -81,7 +79,7 @@ def _later(path: Path, size: int, wants: Wanted, reading: Reading) -> Messages:
     with path.open("rb") as file:
         for one in _unindexed(file, size, wants, Reading()):
             if last_ns is None or one.log_ns > last_ns:
-                yield from _message(one.topic, True, one.log_ns, bytes(one.raw), reading)
+                yield from reading.take(one.topic, True, one.log_ns, bytes(one.raw))
 
 
 def _unindexed(file: BinaryIO, size: int, wants: Wanted, reading: Reading) -> Messages:
@@ -119,7 +117,7 @@ def _unindexed(file: BinaryIO, size: int, wants: Wanted, reading: Reading) -> Me
                     reading.announce(topic)
                 elif kind == kinds.MSGDATA:
                     topic, wanted = topics[header.get_uint32("conn")]
-                    yield from _message(topic, wanted, header.get_time("time"), data, reading)
+                    yield from reading.take(topic, wanted, header.get_time("time"), data)
             except Exception as error:
                 reading.lose(f"the record before byte {file.tell()} cannot be read: {_said(error)}", len(data))
 
@@ -147,7 +145,7 @@ def _mcap(path: Path, wants: Wanted, reading: Reading) -> Messages:
                 if record.channel_id not in topics or record.log_time > MOST_NS:
                     reading.lose("a message is of no known channel, or of no usable time", len(record.data))
                 else:
-                    yield from _message(*topics[record.channel_id], record.log_time, record.data, reading)
+                    yield from reading.take(*topics[record.channel_id], record.log_time, record.data)
 
     with path.open("rb") as file:
         skipped = _learn_from_summary(file, take, topics, counted, reading)
@@ -223,15 +221,6 @@ def _of_cut_chunk(file: BinaryIO, at: int) -> Generator[Any, None, None]:
             yield from stream_reader.StreamReader(content, skip_magic=True).records
 
 
-def _message(topic: Topic, wanted: bool, log_ns: int, raw: bytes, reading: Reading) -> Messages:
-    reading.n_messages[topic] += 1
-    reading.last_ns = max(log_ns, reading.last_ns or log_ns)
-    if wanted:
-        if raw[:4] == ZSTD_MAGIC:
-            raw = unpacked(raw)
-        yield RawMessage(topic, log_ns, raw)
-
-
 def _topic_of(connection: Any) -> Topic:
     language = connection.msgdef.format.name.lower()
     known = language if language in ("msg", "idl") else ""
@@ -242,7 +231,7 @@ def _topic_of(connection: Any) -> Topic:
 
 
 def _topic_of_channel(channel: Any, schema: Any) -> Topic:
-    language = MCAP_LANGUAGES.get(schema.encoding, "") if schema else ""
+    language = LANGUAGES.get(schema.encoding, "") if schema else ""
     definition = schema.data.decode("utf-8", "replace") if language else ""
     encoding = ENCODINGS.get(channel.message_encoding, channel.message_encoding)
     return Topic(channel.topic, type_name(schema.name) if schema else "", encoding, definition, language)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bz2
 import io
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -14,7 +14,10 @@ from tempog._extras import need
 from tempog.ros.messages import RosVersion
 
 BLOCK_BYTES = 1 << 16
-ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # no message begins so: CDR has a zero there
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # no message of ROS 2 begins so: CDR has a zero there
+ENCODINGS = {"cdr": "ros2"}  # ros1 is called so everywhere
+LANGUAGES = {"ros2msg": "msg", "ros1msg": "msg", "ros2idl": "idl"}
+MESSAGES_PER_NEWS = 64
 MOST_UNPACKED_BYTES = 2**31  # of one chunk or message; recorders make chunks of a few MB
 
 
@@ -90,6 +93,21 @@ class Reading:
     def announce(self, topic: Topic) -> None:
         """A topic is there, perhaps without messages."""
         self.n_messages[topic] += 0
+
+    def take(self, topic: Topic, wanted: bool, log_ns: int, raw: bytes) -> Iterator[RawMessage]:
+        """Count a message; it, unpacked, if it is wanted."""
+        self.n_messages[topic] += 1
+        self.last_ns = max(log_ns, self.last_ns or log_ns)
+        if not wanted:
+            return
+        if topic.encoding == "ros2" and raw[:4] == ZSTD_MAGIC:
+            try:
+                raw = unpacked(raw)
+            except Exception as error:  # of a packer that is given any bytes
+                number = self.n_messages[topic]
+                self.lose(f"{topic.name} message {number} cannot be unpacked: {error}", len(raw))
+                return
+        yield RawMessage(topic, log_ns, raw)
 
 
 def type_name(text: str) -> str:

@@ -12,11 +12,19 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from tempog.ros.raw import ZSTD_MAGIC, RawMessage, Reading, Topic, Wanted, type_name, unpacked
+from tempog.ros.raw import (
+    ENCODINGS,
+    LANGUAGES,
+    MESSAGES_PER_NEWS,
+    RawMessage,
+    Reading,
+    Topic,
+    Wanted,
+    type_name,
+)
 
 MOST_BLOB_BYTES = 2**28  # SQLite takes 4 times that for granted where a file is damaged
 LEAST_ROW_BYTES = 4
-LANGUAGES = {"ros2msg": "msg", "ros2idl": "idl"}
 
 
 def read_sqlite(path: Path, wants: Wanted, reading: Reading) -> Iterator[RawMessage]:
@@ -50,9 +58,7 @@ def _messages(database: sqlite3.Connection, size: int, wants: Wanted, reading: R
         if not all(isinstance(text, str) for text in (name, msgtype, encoding)):
             reading.lose(f"topic {number} has no name or type")
             continue
-        topic = Topic(
-            name, type_name(msgtype), {"cdr": "ros2"}.get(encoding, encoding), *definitions.get(msgtype, ())
-        )
+        topic = Topic(name, type_name(msgtype), ENCODINGS.get(encoding, encoding), *definitions.get(msgtype, ()))
         topics[number] = topic, wants(topic)
         reading.announce(topic)
     n_rows, n_bytes = 0, 0
@@ -65,20 +71,10 @@ def _messages(database: sqlite3.Connection, size: int, wants: Wanted, reading: R
         if known is None or not isinstance(log_ns, int) or not isinstance(data, bytes):
             reading.lose(f"message {n_rows} has no known topic, no time or no content")
             continue
-        topic, wanted = known
-        reading.n_messages[topic] += 1
-        reading.last_ns = max(log_ns, reading.last_ns or log_ns)
         n_bytes += len(data)
-        if n_rows % 64 == 0:
+        if n_rows % MESSAGES_PER_NEWS == 0:
             reading.moved_on(min(n_bytes, size))
-        if wanted:
-            if data.startswith(ZSTD_MAGIC):
-                try:
-                    data = unpacked(data)
-                except Exception as error:  # of a packer that is given any bytes
-                    reading.lose(f"message {n_rows} cannot be unpacked: {error}", len(data))
-                    continue
-            yield RawMessage(topic, log_ns, data)
+        yield from reading.take(*known, log_ns, data)
 
 
 def _definitions(database: sqlite3.Connection) -> dict[str, tuple[str, str]]:

@@ -16,7 +16,8 @@ from measure import Task, interleave, median, ratio
 from report import Row, Section, at_least, at_most
 
 from tempog import Scan, TemporalGrid, build_grid, open_scans, write_npz
-from tempog.scans.bag_writer import Compression, Mount, write_bag
+from tempog.ros.bag_writers import Compression
+from tempog.scans.bag_writer import Mount, write_bag
 from tempog.simulation import corridor, simulate
 
 N_BEAMS, RATE_HZ = 720, 10.0

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from tempog.ros.bag_writers import OutMessage, open_bag_writer
 from tempog.ros.messages import Codec, StampedTransform, Sweep, laser_scan, quaternion, tf_message, vector
-from tempog.scans.bag_writer import OutMessage, open_bag_writer
 from tempog.scans.scan import Scan
 
 ROOM_M = (10.0, 6.0)  # from (0, 0)

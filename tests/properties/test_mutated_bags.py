@@ -18,10 +18,11 @@ from hypothesis import strategies as st
 from bags import odometry, room_scans
 from tempog.errors import TempogError
 from tempog.ros.bag_files import kind_of_file, read_messages
+from tempog.ros.bag_writers import OutMessage, open_bag_writer
 from tempog.ros.messages import Codec, point_cloud
 from tempog.ros.raw import Reading
 from tempog.scans.bag_choice import BagChoice
-from tempog.scans.bag_writer import Mount, OutMessage, messages_of, open_bag_writer, static_messages, write_bag
+from tempog.scans.bag_writer import Mount, messages_of, static_messages, write_bag
 from tempog.scans.open import open_scans
 from tempog.scans.scan import ScanLog
 

@@ -21,9 +21,9 @@ from bags import (
 )
 from tempog import ScanError, open_scans
 from tempog.errors import ConfigError, TransformError
+from tempog.ros.bag_writers import OutMessage
 from tempog.ros.messages import Codec, point_cloud
 from tempog.scans.bag_choice import BagChoice
-from tempog.scans.bag_writer import OutMessage
 from tempog.scans.rosbag import open_bag
 
 CODEC = Codec("ros2")

@@ -16,6 +16,7 @@ from bags import BEAMS, START_S, room_scans, sweep_messages, tf, transform, wall
 from tempog import ScanError, open_scans
 from tempog.errors import ClockError, ConfigError, ExtraError, MessageError, TransformError
 from tempog.ros.bag_files import files_of, kind_of_file, read_messages
+from tempog.ros.bag_writers import open_bag_writer
 from tempog.ros.messages import Codec, StampedTransform, string
 from tempog.ros.raw import ZSTD_MAGIC, Reading
 from tempog.scans.bag_writer import (
@@ -23,7 +24,6 @@ from tempog.scans.bag_writer import (
     Mount,
     OutMessage,
     messages_of,
-    open_bag_writer,
     static_messages,
     write_bag,
 )

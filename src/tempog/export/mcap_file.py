@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,15 +12,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tempog._extras import need
 from tempog._files import whole_file
-from tempog._version import __version__
 from tempog.analysis.objects import ObjectStay
 from tempog.errors import ConfigError
 from tempog.export.doors import outline_of
 from tempog.export.layers import Cells
 from tempog.export.map_server import OCCUPIED, UNKNOWN
 from tempog.export.site_map import SiteMap, Thing
+from tempog.ros.bag_writers import OutMessage, mcap_writer
 from tempog.ros.messages import Codec, occupancy_grid, pose, string, vector
 from tempog.times import NS_PER_S
 
@@ -31,16 +31,7 @@ MOST_STATES = 200_000  # of things in all messages; if they change more often, t
 MOST_CELLS = 400_000_000  # in all snapshots: what a laptop reads and writes in some seconds
 MAP_TOPIC, LOCALISATION_TOPIC, CURRENT_TOPIC = "/map", "/localisation_map", "/current_map"
 HISTORY_TOPIC, MARKERS_TOPIC, OBJECTS_TOPIC = "/map_history", "/object_markers", "/objects"
-GRID = "nav_msgs/msg/OccupancyGrid"
 MARKERS, MARKER = "visualization_msgs/msg/MarkerArray", "visualization_msgs/msg/Marker"
-STRING = "std_msgs/msg/String"
-# As rosbag2 writes it: reliable, and kept for who comes later.
-LATCHED_QOS = (
-    "- history: 1\n  depth: 1\n  reliability: 1\n  durability: 1\n  deadline:\n    sec: 9223372036\n"
-    "    nsec: 854775807\n  lifespan:\n    sec: 9223372036\n    nsec: 854775807\n  liveliness: 1\n"
-    "  liveliness_lease_duration:\n"
-    "    sec: 9223372036\n    nsec: 854775807\n  avoid_ros_namespace_conventions: false"
-)
 OPEN, CLOSED, THERE = (0.15, 0.65, 0.25), (0.8, 0.15, 0.1), (0.15, 0.35, 0.8)  # colours: red, green, blue
 LINE_M, TEXT_M = 0.06, 0.25
 
@@ -81,25 +72,12 @@ def write_mcap(path: Path, site: SiteMap, every_s: float | None = None) -> McapC
     if every_s is not None and not 0 < every_s < math.inf:
         raise ConfigError(f"every_s = {every_s!r} cannot work; wanted seconds above 0")
     every_s = default_every_s(site) if every_s is None else every_s
-    writer_of = need("mcap.writer", extra="bags")
     codec = Codec("ros2")
-    with whole_file(path) as unfinished, unfinished.open("wb") as file:
-        writer = writer_of.Writer(file)
-        writer.start(profile="ros2", library=f"tempog {__version__}")
-        schemas, channels, counts = {}, {}, dict.fromkeys((HISTORY_TOPIC, OBJECTS_TOPIC), 0)
+    counts: Counter[str] = Counter()
+    with whole_file(path) as unfinished, mcap_writer(unfinished, "zstd", codec) as bag:
         for stamp_ns, topic, message in _messages(site, codec, every_s):
-            kind = message.__msgtype__
-            if kind not in schemas:
-                text, _ = codec.definition(kind)
-                schemas[kind] = writer.register_schema(kind, "ros2msg", text.encode())
-            if topic not in channels:
-                channels[topic] = writer.register_channel(
-                    topic, "cdr", schemas[kind], {"offered_qos_profiles": LATCHED_QOS}
-                )
-            writer.add_message(channels[topic], stamp_ns, codec.encode(message), stamp_ns)
-            if topic in counts:
-                counts[topic] += 1
-        writer.finish()
+            bag.write(OutMessage(topic, stamp_ns, message, latched=True))
+            counts[topic] += 1
     return McapCounts(counts[HISTORY_TOPIC], counts[OBJECTS_TOPIC], every_s)
 
 

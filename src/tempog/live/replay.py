@@ -8,8 +8,9 @@ from collections.abc import Callable, Sequence
 
 from tempog.errors import ConfigError, ScanError
 from tempog.live.transport import Publisher, Transport
+from tempog.ros.bag_writers import OutMessage
 from tempog.ros.messages import LASER_SCAN, TF_MESSAGE, Codec
-from tempog.scans.bag_writer import Frames, Mount, OutMessage, messages_of, static_messages
+from tempog.scans.bag_writer import Frames, Mount, messages_of, static_messages
 from tempog.scans.scan import Scan, scan_period_s
 from tempog.times import NS_PER_S
 

@@ -350,6 +350,7 @@ def test_nothing_is_overwritten_unless_told_to(tempog, rooms: Path, tmp_path: Pa
         (["--npz", "{}/a.npz", "--every", "3"], 2, "--every is for --mcap"),
         (["--mcap", "{}/a.mcap", "--every", "no"], 2, "wanted seconds above 0"),
         (["--mcap", "{}/a.mcap", "--every", "-3s"], 2, "wanted seconds above 0"),
+        (["--mcap", "{}/a.mcap", "--every", "1e-6"], 2, "makes more snapshots than there are scans"),
         (["--nav2", "{}/none/a"], 1, "is not a directory"),
         (["--nav2", "{}/a", "--at", "+1e6"], 1, "nothing is known of"),
         (["--nav2", "{}/a", "--at", "soon"], 2, "soon"),

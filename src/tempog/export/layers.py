@@ -152,10 +152,14 @@ def standing_cells(history: History, at_ns: int, extent: Extent) -> Mask:
 
 def laid(history: History, per_cell: NDArray[T], extent: Extent, fill: float) -> NDArray[T]:
     """A per-cell array of a history over another extent."""
-    dense = history.tiles.to_dense(per_cell, fill)
-    over = np.full(extent.shape, fill, dtype=per_cell.dtype)
-    over[history.extent.part_of(extent)] = dense[extent.part_of(history.extent)]
-    return over
+    return over(extent, history.tiles.to_dense(per_cell, fill), history.extent, fill)
+
+
+def over(extent: Extent, dense: NDArray[T], where: Extent, fill: float) -> NDArray[T]:
+    """An array over one extent (`where`) as one over another, with `fill` where it says nothing."""
+    laid_over = np.full(extent.shape, fill, dtype=dense.dtype)
+    laid_over[where.part_of(extent)] = dense[extent.part_of(where)]
+    return laid_over
 
 
 def seen_extent(found: FoundObjects) -> Extent | None:

@@ -10,15 +10,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tempog._files import whole_file
 from tempog.analysis.objects import ObjectStay
 from tempog.errors import ConfigError
 from tempog.export.doors import outline_of
-from tempog.export.layers import Cells
+from tempog.export.layers import Cells, over
 from tempog.export.map_server import OCCUPIED, UNKNOWN
-from tempog.export.site_map import SiteMap, Thing
+from tempog.export.site_map import SiteMap, latest_stay
 from tempog.ros.bag_writers import OutMessage, mcap_writer
 from tempog.ros.messages import Codec, occupancy_grid, pose, string, vector
 from tempog.times import NS_PER_S
@@ -59,7 +58,7 @@ def write_mcap(path: Path, site: SiteMap, every_s: float | None = None) -> McapC
     Raises
     ------
     ConfigError
-        `every_s` is no such time.
+        `every_s` is no such time, or makes more snapshots than there are scans.
     ExtraError
         rosbags or mcap is not installed.
 
@@ -72,6 +71,12 @@ def write_mcap(path: Path, site: SiteMap, every_s: float | None = None) -> McapC
     if every_s is not None and not 0 < every_s < math.inf:
         raise ConfigError(f"every_s = {every_s!r} cannot work; wanted seconds above 0")
     every_s = default_every_s(site) if every_s is None else every_s
+    least_s = site.history.duration_s / site.history.n_scans
+    if every_s < least_s:
+        raise ConfigError(
+            f"every_s = {every_s:g} makes more snapshots than there are scans; wanted"
+            f" {math.ceil(1000 * least_s) / 1000:g} s or more"
+        )
     codec = Codec("ros2")
     counts: Counter[str] = Counter()
     with whole_file(path) as unfinished, mcap_writer(unfinished, "zstd", codec) as bag:
@@ -114,7 +119,7 @@ def _messages(site: SiteMap, codec: Codec, every_s: float) -> Iterator[tuple[int
         elif topic == CURRENT_TOPIC:
             yield stamp_ns, topic, _grid(site, codec, stamp_ns, site.current)
         else:
-            states = [_latest(thing, stamp_ns) for thing in site.things]
+            states = [latest_stay(thing.one, stamp_ns) for thing in site.things]
             yield stamp_ns, MARKERS_TOPIC, _markers(site, codec, stamp_ns, states, outlines)
             yield stamp_ns, OBJECTS_TOPIC, string(codec, _states_text(site, stamp_ns, states))
 
@@ -124,19 +129,13 @@ def _changes(site: SiteMap, first_ns: int) -> list[int]:
     return sorted({first_ns, *(max(first_ns, stay.start_ns) for thing in site.things for stay in thing.one.stays)})
 
 
-def _latest(thing: Thing, stamp_ns: int) -> ObjectStay | None:
-    begun = [stay for stay in thing.one.stays if stay.start_ns <= stamp_ns]
-    return begun[-1] if begun else None
-
-
 def _snapshot(site: SiteMap, stamp_ns: int) -> Cells:
     """The map as last known at a moment: percent occupied, -1 unknown."""
     history, extent = site.history, site.extent
     value = history.at(np.datetime64(stamp_ns, "ns"), math.inf).value
-    over: NDArray[np.float32] = np.full(extent.shape, np.nan, dtype=np.float32)
-    over[history.extent.part_of(extent)] = value[extent.part_of(history.extent)]
+    known = over(extent, value, history.extent, math.nan)
     sensing = history.config.sensing
-    percent = np.clip((over - sensing.prob_free) / (sensing.prob_hit - sensing.prob_free), 0, 1) * OCCUPIED
+    percent = np.clip((known - sensing.prob_free) / (sensing.prob_hit - sensing.prob_free), 0, 1) * OCCUPIED
     return np.where(np.isnan(percent), UNKNOWN, np.rint(np.nan_to_num(percent))).astype(np.int8)
 
 

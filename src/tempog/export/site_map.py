@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -240,5 +241,12 @@ def indices(cells: NDArray[np.int32], extent: Extent) -> tuple[NDArray[np.int64]
 
 def _stay_at(one: MovingObject, at_ns: int) -> ObjectStay | None:
     """The latest stay that was seen by a moment, as it was known then."""
-    seen = [stay for stay in one.stays if stay.start_ns <= at_ns]
-    return seen[-1]._replace(stop_ns=min(seen[-1].stop_ns, at_ns)) if seen else None
+    stay = latest_stay(one, at_ns)
+    return stay and stay._replace(stop_ns=min(stay.stop_ns, at_ns))
+
+
+def latest_stay(one: MovingObject, at_ns: int) -> ObjectStay | None:
+    """The latest stay that has begun by a moment."""
+    stays = one.stays
+    n = bisect_right(stays, at_ns, key=lambda stay: stay.start_ns)
+    return stays[n - 1] if n else None

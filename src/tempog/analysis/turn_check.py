@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tempog.scans.scan import Scan
+from tempog.scans.trajectory import wrapped
 from tempog.times import NS_PER_S
 
 PAIR_S = 0.5  # between the two scans of a pair: long enough to turn, short enough to see the same
@@ -151,8 +152,7 @@ def _judged(
 
 def _error(apart: NDArray[np.float64]) -> float:
     """Root mean square of angles, each limited."""
-    wrapped = np.remainder(apart + math.pi, 2 * math.pi) - math.pi
-    return float(np.sqrt(np.mean(np.minimum(np.abs(wrapped), MOST_ERROR_RAD) ** 2)))
+    return float(np.sqrt(np.mean(np.minimum(np.abs(wrapped(apart)), MOST_ERROR_RAD) ** 2)))
 
 
 def _turn_seen(first: Scan, second: Scan) -> float:
@@ -177,7 +177,7 @@ def _turn_seen(first: Scan, second: Scan) -> float:
 def _returns(scan: Scan) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Angles, in order, and ranges of the beams that hit something."""
     hit = (scan.ranges > 0) & (scan.ranges < scan.max_range) & np.isfinite(scan.ranges)
-    angles = np.remainder(scan.angles[hit] + math.pi, 2 * math.pi) - math.pi
+    angles = wrapped(scan.angles[hit])
     order = np.argsort(angles)
     return angles[order], scan.ranges[hit][order].astype(np.float64)
 

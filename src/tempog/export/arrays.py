@@ -14,6 +14,7 @@ from tempog._files import whole_file
 from tempog.export.masks import keepout_mask, speed_mask
 from tempog.export.object_entries import objects_entry
 from tempog.export.site_map import SiteMap
+from tempog.times import NS_PER_S
 
 if TYPE_CHECKING:
     import xarray
@@ -63,7 +64,7 @@ def write_arrays(path: Path, site: SiteMap) -> None:
     `objects` holds what objects.yaml does, as JSON.
     """
     x, y = _axes(site)
-    arrays: dict[str, NDArray[Any]] = {
+    arrays: dict[str, Any] = {
         **site_arrays(site),
         "x": x,
         "y": y,
@@ -73,7 +74,7 @@ def write_arrays(path: Path, site: SiteMap) -> None:
         "objects": np.array(json.dumps(objects_entry(site))),
     }
     with whole_file(path) as unfinished, unfinished.open("wb") as file:
-        np.savez_compressed(file, allow_pickle=False, **arrays)
+        np.savez_compressed(file, **arrays)
 
 
 def _axes(site: SiteMap) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -105,7 +106,7 @@ def to_xarray(site: SiteMap) -> xarray.Dataset:
         attrs={
             "frame": "map",
             "resolution_m": site.extent.resolution_m,
-            "at_s": site.at_ns / 1e9,
+            "at_s": site.at_ns / NS_PER_S,
             "objects": json.dumps(objects_entry(site)),
         },
     )

@@ -33,6 +33,11 @@ MOST_SWEEP_S = 60.0  # s; a laser on a slow tilting mount takes some seconds
 UNKNOWN_CELL = -1  # of an OccupancyGrid
 
 
+def yawed(theta: float) -> tuple[float, float, float, float]:
+    """The quaternion x, y, z, w of a turn in the plane, by radians."""
+    return 0.0, 0.0, math.sin(theta / 2), math.cos(theta / 2)
+
+
 class StampedTransform(NamedTuple):
     """Where a frame is in its parent's: metres, and a quaternion x, y, z, w.
 
@@ -277,10 +282,8 @@ def quaternion(codec: Codec, xyzw: tuple[float, float, float, float] = (0.0, 0.0
 
 def pose(codec: Codec, x: float, y: float, theta: float = 0.0) -> Any:
     """A Pose in the plane."""
-    turned = quaternion(codec, (0.0, 0.0, math.sin(theta / 2), math.cos(theta / 2)))
-    return codec.make(
-        "geometry_msgs/msg/Pose", position=vector(codec, (x, y, 0.0), "geometry_msgs/msg/Point"), orientation=turned
-    )
+    at = vector(codec, (x, y, 0.0), "geometry_msgs/msg/Point")
+    return codec.make("geometry_msgs/msg/Pose", position=at, orientation=quaternion(codec, yawed(theta)))
 
 
 def occupancy_grid(

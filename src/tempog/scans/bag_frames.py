@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tempog.errors import ConfigError, ScanError, TransformError
-from tempog.ros.messages import LASER_SCAN, POINT_CLOUD, StampedTransform, Sweep
+from tempog.ros.messages import LASER_SCAN, POINT_CLOUD, StampedTransform, Sweep, yawed
 from tempog.ros.transforms import TransformBuffer
 from tempog.scans.bag_choice import BagChoice, Poses
 from tempog.scans.bag_contents import POSE_TYPES, Contents, Recording, read_poses
@@ -375,7 +375,7 @@ def _by_trajectory(buffer: TransformBuffer, lasers: Sequence[Laser], choice: Bag
     body = choice.base_frame or lasers[0].frame
     fixed = FRAME_OF_POSES
     transforms = [
-        StampedTransform(stamp, fixed, body, (x, y, 0.0), (0.0, 0.0, math.sin(theta / 2), math.cos(theta / 2)))
+        StampedTransform(stamp, fixed, body, (x, y, 0.0), yawed(theta))
         for stamp, (x, y, theta) in zip(poses.stamps_ns.tolist(), poses.poses.tolist(), strict=True)
     ]
     linked, notes = _linked(buffer, lasers, transforms, body)

@@ -14,7 +14,7 @@ import numpy as np
 
 from tempog.errors import ScanError
 from tempog.ros.bag_writers import Compression, OutMessage, open_bag_writer
-from tempog.ros.messages import Codec, StampedTransform, Sweep, laser_scan, tf_message
+from tempog.ros.messages import Codec, StampedTransform, Sweep, laser_scan, tf_message, yawed
 from tempog.scans.scan import Scan
 from tempog.times import NS_PER_S
 
@@ -117,11 +117,10 @@ def static_messages(
     frames = frames or Frames()
     placed = []
     for mount in mounts:
-        half = mount.theta / 2
-        # Turned by theta about z, and before that by half a turn about x where it hangs.
-        turned = (0.0, 0.0, math.sin(half), math.cos(half))
-        if mount.upside_down:
-            turned = (math.cos(half), math.sin(half), 0.0, 0.0)
+        turned = yawed(mount.theta)
+        if mount.upside_down:  # half a turn about x comes first
+            _, _, sin, cos = turned
+            turned = (cos, sin, 0.0, 0.0)
         at = (mount.x_m, mount.y_m, mount.z_m)
         placed.append(StampedTransform(stamp_ns, frames.base, mount.frame, at, turned))
     return [OutMessage(f"{frames.prefix}/tf_static", stamp_ns, tf_message(codec, placed), latched=True)]
@@ -237,5 +236,4 @@ def _moved(codec: Codec, frames: Frames, stamp_ns: int, pose: tuple[float, float
 
 
 def _flat(stamp_ns: int, parent: str, child: str, x: float, y: float, theta: float) -> StampedTransform:
-    turned = (0.0, 0.0, math.sin(theta / 2), math.cos(theta / 2))
-    return StampedTransform(stamp_ns, parent, child, (x, y, 0.0), turned)
+    return StampedTransform(stamp_ns, parent, child, (x, y, 0.0), yawed(theta))

@@ -94,6 +94,15 @@ def test_images_of_other_kinds_are_read(tmp_path: Path, kind: str, pixels: np.nd
     assert read_nav2_map(yaml).cells.tolist() == [[0, 100, -1][: pixels.shape[1]]]
 
 
+@pytest.mark.parametrize(("resolution", "origin"), [("0.05", "[1e300, 0, 0]"), ("1e-320", "[5, 1, 0]")])
+def test_a_map_farther_away_than_the_lattice_reaches_has_no_place_on_it(tmp_path, resolution, origin) -> None:
+    yaml, _ = write_nav2_map(tmp_path / "m", MAP)
+    text = yaml.read_text().replace("[-1.0, 2.5, 0.0]", origin)
+    yaml.write_text(text.replace("resolution: 0.05", f"resolution: {resolution}"))
+    with pytest.raises(MapError, match="near the map frame's origin"):
+        _ = read_nav2_map(yaml).extent
+
+
 @pytest.mark.parametrize("origin", ["[0.0, 0.0, 0.5]", "[0.02, 0.0, 0.0]"])
 def test_a_turned_map_has_cells_but_no_place_on_the_lattice(tmp_path: Path, origin: str) -> None:
     yaml, _ = write_nav2_map(tmp_path / "m", MAP)
@@ -113,6 +122,7 @@ def test_a_turned_map_has_cells_but_no_place_on_the_lattice(tmp_path: Path, orig
         ('"m.pgm"', '"m.yaml"', "is no image"),
         ("resolution: 0.05", "resolution: -1", "wanted metres above 0"),
         ("resolution: 0.05", "resolution: fine", "'fine' is no number"),
+        ("resolution: 0.05", f"resolution: {'9' * 400}", "is no number"),
         ("[-1.0, 2.5, 0.0]", "[1, 2]", "wanted .x, y, yaw."),
         ("[-1.0, 2.5, 0.0]", "[1, 2", "has no end"),
         ("trinary", "binary", "wanted one of trinary, scale, raw"),

@@ -162,6 +162,14 @@ def test_order_repeats_jumps_and_floors_are_noted(tmp_path) -> None:
     assert "first by 8 m to line 5" in jumps
 
 
+@pytest.mark.parametrize("heights", [("inf", "0"), ("nan", "nan"), ("-1e308", "1e308")])
+def test_heights_of_no_use_do_not_matter(tmp_path, heights) -> None:
+    rows = [f"{k} 0 0 {z} 0 0 0 1" for k, z in enumerate(heights)]
+    trajectory = read_trajectory(written(tmp_path, "\n".join(rows)))
+    assert trajectory.poses.tolist() == [[0, 0, 0]] * 2
+    assert any("several floors" in note for note in trajectory.notes) == ("1e308" in heights)
+
+
 def test_poses_turn_the_shorter_way_and_nothing_is_extrapolated() -> None:
     trajectory = Trajectory([0, S, 2 * S], [(0, 0, 3.0), (1, 2, -3.0), (1, 2, -3.0 + 4 * math.pi)])
     x, y, theta = trajectory.at([S // 4])[0]

@@ -7,6 +7,7 @@ first row is the map's last: row 0 of our arrays is the southern edge.
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -18,6 +19,7 @@ from tempog._files import whole_file
 from tempog.errors import ConfigError, MapError
 from tempog.export.yaml_text import read_flat_yaml, to_yaml
 from tempog.sensing.grid_spec import Extent
+from tempog.sensing.tiles import FARTHEST_CELL
 
 Mode = Literal["trinary", "scale", "raw"]
 MODES: tuple[Mode, ...] = get_args(Mode)
@@ -64,9 +66,14 @@ class Nav2Map:
         Raises
         ------
         MapError
-            The map is turned, or lies between the lattice's lines.
+            The map is turned, lies between the lattice's lines, or farther away than it reaches.
         """
         x, y, yaw = self.origin
+        if not max(abs(x), abs(y)) < FARTHEST_CELL * self.resolution_m:
+            raise MapError(
+                f"the map's origin is [{x}, {y}, {yaw}]: that is more than {FARTHEST_CELL} cells of"
+                f" {self.resolution_m} m away; wanted metres, near the map frame's origin"
+            )
         row0, col0 = round(y / self.resolution_m), round(x / self.resolution_m)
         off_m = max(abs(row0 * self.resolution_m - y), abs(col0 * self.resolution_m - x))
         if yaw != 0 or off_m > LATTICE_M:
@@ -228,7 +235,8 @@ def _number(entries: dict[str, Any], key: str, path: Path) -> float:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    # Comparing, as math.isfinite raises for integers of hundreds of digits.
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
 def _read_image(path: Path) -> NDArray[np.uint8]:

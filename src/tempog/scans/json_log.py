@@ -118,7 +118,9 @@ def _scans(path: Path) -> dict[str, Any]:
         raise ScanError(f"{path} is no JSON: {error}.\n  {WANTED}") from None
     scans = document.get("map") if isinstance(document, dict) else None
     if not isinstance(scans, dict):
-        held = ", ".join(sorted(repr(key[:20]) for key in document)[:8]) if isinstance(document, dict) else "a list"
+        held = (
+            ", ".join(sorted(repr(key[:20]) for key in document)[:8]) if isinstance(document, dict) else "no object"
+        )
         raise ScanError(f'{path} is JSON without an object "map"; it holds {held or "nothing"}.\n  {WANTED}')
     return scans
 

@@ -235,8 +235,10 @@ def _made(
         )
     order = order[first]
     stamps_ns, poses = stamps_ns[order], poses[order]
-    height_m = float(np.ptp(heights))
-    if not height_m <= FLOORS_APART_M:
+    heights = heights[np.isfinite(heights)]
+    with np.errstate(over="ignore"):
+        height_m = float(np.ptp(heights)) if heights.size else 0.0
+    if height_m > FLOORS_APART_M:
         notes.append(f"heights differ by {height_m:.3g} m and are left out; several floors make no 2D map")
     if len(order) > 1:
         step_m = np.hypot(*np.diff(poses[:, :2], axis=0).T)

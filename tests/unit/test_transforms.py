@@ -96,6 +96,7 @@ def test_an_empty_buffer_says_so() -> None:
         StampedTransform(0, "a", "a", (0.0, 0.0, 0.0)),
         StampedTransform(0, "", "a", (0.0, 0.0, 0.0)),
         StampedTransform(0, "a", "b", (math.nan, 0.0, 0.0)),
+        StampedTransform(0, "a", "b", (0.0, -1e300, 0.0)),  # finite, but its square is not
         StampedTransform(0, "a", "b", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)),
     ],
 )

@@ -23,6 +23,7 @@ SAME_PLACE_M = 0.1
 SAME_HEADING_RAD = math.radians(5)
 # Lasers level to 3 degrees see a wall 10 m away half a metre higher or lower, which the plane can bear.
 MOST_TILT_RAD = math.radians(3)
+MAX_POSITION_M = 1e9  # twenty times around the Earth; projected coordinates stay below, a corrupt transform does not
 SAME_NUMBER = 1e-9  # m, or of a quaternion; rounding of what is worked out anew with every message
 NEARLY_SAME_TURN = 1 - 1e-10  # cosine of half the angle; slerp divides by its sine
 LONGEST_S = 9e9  # s; stands for ever, and fits int64 nanoseconds
@@ -82,10 +83,11 @@ class TransformBuffer:
         if not parent or not child or parent == child:
             raise TransformError(f"a transform of {child!r} in {parent!r} cannot work; wanted two different frames")
         norm = math.sqrt(sum(part * part for part in quaternion))
-        if not (all(map(math.isfinite, translation)) and 1e-6 < norm < 1e6):
+        if not (all(abs(part) <= MAX_POSITION_M for part in translation) and 1e-6 < norm < 1e6):
             raise TransformError(
                 f"the transform of {child} in {parent} at {stamp_ns / NS_PER_S:.3f} s is unusable: it moves by"
-                f" {translation} m and turns by the quaternion {quaternion}; wanted finite numbers, not all 0"
+                f" {translation} m and turns by the quaternion {quaternion}; wanted metres within"
+                f" ±{MAX_POSITION_M:g}, and finite numbers, not all 0"
             )
         track = self._tracks.get((parent, child))
         if track is None:

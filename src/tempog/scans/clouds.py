@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tempog.errors import MessageError
 from tempog.ros.messages import Sweep, frame_name, stamp_ns_of
+from tempog.ros.transforms import MAX_POSITION_M
 
 BEAM_DEG = 0.5
 N_BEAMS = round(360 / BEAM_DEG)
@@ -20,7 +21,7 @@ BEAM_ANGLES.flags.writeable = False
 
 
 def points_of(message: Any) -> NDArray[np.float64]:
-    """The points of a PointCloud2, (n, 3) metres in its own frame, without those that are not finite.
+    """The points of a PointCloud2, (n, 3) metres in its own frame, without those that are nowhere on Earth.
 
     Raises
     ------
@@ -47,7 +48,7 @@ def points_of(message: Any) -> NDArray[np.float64]:
     rows = data[: row * height].reshape(height, row)[:, : width * step]
     points = np.ascontiguousarray(rows).reshape(-1).view(layout)
     xyz = np.column_stack([points[name].astype(np.float64) for name in "xyz"])
-    return xyz[np.isfinite(xyz).all(axis=1)]
+    return xyz[(np.abs(xyz) <= MAX_POSITION_M).all(axis=1)]
 
 
 def sweep_of_cloud(

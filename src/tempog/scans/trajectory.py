@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tempog.errors import ConfigError, ScanError
-from tempog.ros.transforms import SAME_HEADING_RAD, SAME_PLACE_M
+from tempog.ros.transforms import MAX_POSITION_M, SAME_HEADING_RAD, SAME_PLACE_M
 from tempog.scans.scan import MAX_STAMP_S, Scan, ScanLog, usable_poses
 from tempog.times import NS_PER_S
 
 MAX_GAP_S = 1.0  # s; a robot that turns at 1 rad/s and drives at 1 m/s leaves the straight line by 0.12 m in it
 END_SLACK_S = 0.005  # stamps in text files are rounded, often to milliseconds; 1 m/s is 5 mm in that time
-MAX_POSITION_M = 1e9  # twenty times around the Earth; projected coordinates stay below, a corrupt pose does not
 FAST_M_PER_S = 20.0  # no indoor robot; where the poses jump, they do
 
 

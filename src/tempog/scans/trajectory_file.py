@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tempog.errors import ScanError
-from tempog.ros.transforms import MOST_TILT_RAD, flatten
+from tempog.ros.transforms import MAX_POSITION_M, MOST_TILT_RAD, flatten
 from tempog.scans.clock import UNUSABLE_STAMP_NS, seconds_to_ns
 from tempog.scans.scan import MAX_STAMP_S, BadRows
-from tempog.scans.trajectory import FAST_M_PER_S, MAX_POSITION_M, Trajectory, apart_s, possible_poses
+from tempog.scans.trajectory import FAST_M_PER_S, Trajectory, apart_s, possible_poses
 
 N_TUM_FIELDS, N_KITTI_FIELDS = 8, 12
 NORM_TOLERANCE = 0.01  # of a quaternion; rounded to three digits it is off by less

@@ -10,9 +10,13 @@ from pathlib import Path
 
 from tempog._extras import need
 from tempog.errors import ScanError
-from tempog.ros.bag_readers import MAGICS, read_bag
+from tempog.ros.bag_readers import read_mcap, read_ros1
 from tempog.ros.raw import ZSTD_MAGIC, RawMessage, Reading, Wanted
+from tempog.ros.sqlite_file import read_sqlite
 
+MCAP, ROS1, ROS2 = "MCAP", "ROS 1 bag", "ROS 2 bag (SQLite)"
+MAGICS = {b"\x89MCAP": MCAP, b"#ROSBAG V": ROS1, b"SQLite format 3\0": ROS2}
+READERS = {MCAP: read_mcap, ROS1: read_ros1, ROS2: read_sqlite}
 HEAD_BYTES = 16
 BLOCK_BYTES = 1 << 20
 METADATA = "metadata.yaml"
@@ -85,9 +89,10 @@ def _listed(metadata: Path) -> list[str] | None:
 
 
 def read_messages(path: Path, kind: str, wants: Wanted, reading: Reading) -> Generator[RawMessage, None, None]:
-    """Messages of wanted topics in the order of the file; what is damaged is told to `reading`."""
+    """Messages of wanted topics, in the order of the file or of recording; what is damaged is told to `reading`."""
     with _unpacked_file(path, reading) as file:
-        yield from read_bag(file, kind, wants, reading)
+        yield from READERS[kind](file, wants, reading)
+        reading.moved_on(file.stat().st_size)
 
 
 @contextmanager

@@ -1,4 +1,7 @@
-"""Messages of a bag file: MCAP through mcap, ROS 1 through rosbags; of damaged ones, what is intact."""
+"""Messages of a bag file: MCAP through mcap, ROS 1 through rosbags; of damaged ones, what is intact.
+
+Libraries are given any bytes here, and raise anything: all of that is damage.
+"""
 
 from __future__ import annotations
 
@@ -21,10 +24,7 @@ from tempog.ros.raw import (
     type_name,
     unpacked_as_far,
 )
-from tempog.ros.sqlite_file import read_sqlite
 
-MCAP, ROS1, ROS2 = "MCAP", "ROS 1 bag", "ROS 2 bag (SQLite)"
-MAGICS = {b"\x89MCAP": MCAP, b"#ROSBAG V": ROS1, b"SQLite format 3\0": ROS2}
 NO_INDEX = "it has no index, as after a crash of its recorder (rosbag reindex makes one)"
 MOST_NS = 2**63 - 1
 RECORD_HEAD_BYTES = 9  # of MCAP: kind and length
@@ -32,17 +32,7 @@ RECORD_HEAD_BYTES = 9  # of MCAP: kind and length
 Messages = Generator[RawMessage, None, None]
 
 
-def read_bag(path: Path, kind: str, wants: Wanted, reading: Reading) -> Messages:
-    """Messages of wanted topics, in the order of the file or of recording; what is damaged is told to `reading`.
-
-    Libraries are given any bytes here, and raise anything: all of that is damage.
-    """
-    readers = {MCAP: _mcap, ROS1: _ros1, ROS2: read_sqlite}
-    yield from readers[kind](path, wants, reading)
-    reading.moved_on(path.stat().st_size)
-
-
-def _ros1(path: Path, wants: Wanted, reading: Reading) -> Messages:
+def read_ros1(path: Path, wants: Wanted, reading: Reading) -> Messages:
     """A ROS 1 bag by its index; without one, record by record."""
     size = path.stat().st_size
     reader = need("rosbags.rosbag1", "bags").Reader(path)
@@ -125,7 +115,7 @@ def _unindexed(file: BinaryIO, size: int, wants: Wanted, reading: Reading) -> Me
     yield from take(records(file, size))
 
 
-def _mcap(path: Path, wants: Wanted, reading: Reading) -> Messages:
+def read_mcap(path: Path, wants: Wanted, reading: Reading) -> Messages:
     """An MCAP file, record by record and chunk by chunk: one that was cut off is read until there."""
     stream_reader, records = need("mcap.stream_reader", "bags"), need("mcap.records", "bags")
     size, schemas, topics = path.stat().st_size, dict[int, Any](), dict[int, tuple[Topic, bool]]()

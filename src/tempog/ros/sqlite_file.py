@@ -46,7 +46,6 @@ def read_sqlite(path: Path, wants: Wanted, reading: Reading) -> Iterator[RawMess
     except (sqlite3.Error, UnicodeError, OverflowError) as error:
         n_read = sum(reading.n_messages.values())
         reading.lose(f"after {n_read} messages SQLite says: {error}", 0 if n_read else size)
-    reading.moved_on(size)
 
 
 def _messages(database: sqlite3.Connection, size: int, wants: Wanted, reading: Reading) -> Iterator[RawMessage]:

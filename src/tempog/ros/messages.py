@@ -28,7 +28,7 @@ OCCUPANCY_GRID = "nav_msgs/msg/OccupancyGrid"
 STRING = "std_msgs/msg/String"
 
 NOT_IN_ROSBAGS = {TF_MESSAGE: "geometry_msgs/TransformStamped[] transforms"}  # as of its ROS 1 definitions
-MAX_SEC = {"ros1": 2**32 - 1, "ros2": 2**31 - 1}  # s; the types of the stamps
+MAX_SEC = 2**31 - 1  # s; ROS 1 itself has 32 bits without a sign, which rosbags takes for one with
 MOST_SWEEP_S = 60.0  # s; a laser on a slow tilting mount takes some seconds
 UNKNOWN_CELL = -1  # of an OccupancyGrid
 
@@ -139,8 +139,8 @@ class Codec:
     def stamp(self, stamp_ns: int) -> Any:
         """A time; MessageError for one that the ROS version has no bits for."""
         sec, nanosec = divmod(stamp_ns, NS_PER_S)
-        if not 0 <= sec <= MAX_SEC[self.version]:
-            raise MessageError(f"{stamp_ns} ns is no time in {self.version} (wanted: 0 to {MAX_SEC[self.version]} s)")
+        if not 0 <= sec <= MAX_SEC:
+            raise MessageError(f"{stamp_ns} ns is no time in {self.version} (wanted: 0 to {MAX_SEC} s)")
         return self.make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
 
     def header(self, stamp_ns: int, frame: str) -> Any:

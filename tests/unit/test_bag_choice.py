@@ -154,7 +154,34 @@ def test_a_chain_that_is_broken_says_where(bag):
         open_scans(path, bag=BagChoice(fixed_frame="odom"))
     with pytest.raises(TransformError, match="frames: base_link, laser, odom, torso") as caught:
         open_scans(path)
+    assert "with laser are connected: torso)" in str(caught.value)
     assert "--fixed-frame torso" in str(caught.value)
+    assert "/tf_static, name it" not in str(caught.value)
+
+
+def test_static_transforms_that_another_file_holds_are_asked_for(bag):
+    with pytest.raises(
+        TransformError, match=r"with laser are connected: none(.|\n)*another file.*/tf_static, name it"
+    ):
+        open_scans(bag(moving(CODEC, TIMES), sweep_messages(CODEC, SCANS)))
+
+
+def test_scans_whose_header_names_no_frame_can_be_placed_by_poses(bag):
+    path = bag(moving(CODEC, TIMES), sweep_messages(CODEC, SCANS, frame=""))
+    with pytest.raises(TransformError, match="nothing says where a frame without a name was"):
+        open_scans(path)
+    poses = FromElsewhere(TIMES, [pose_at(t) for t in TIMES])
+    assert_placed(open_scans(path, bag=BagChoice(trajectory=poses)))
+
+
+def test_scans_that_say_nothing_are_noted(bag):
+    near = sweep_messages(CODEC, SCANS)
+    for one in near:
+        one.message.range_min = 100.0
+    assert "no beam of /scan says anything" in notes_of(open_scans(bag(ON_BASE, moving(CODEC, TIMES), near)))
+    assert "says anything" not in notes_of(
+        open_scans(bag(ON_BASE, moving(CODEC, TIMES), sweep_messages(CODEC, SCANS)))
+    )
 
 
 def test_transforms_of_another_time_are_told_of(bag):
@@ -171,8 +198,11 @@ def test_a_laser_that_leans_is_refused(bag):
         quaternion=(0.0, float(np.sin(half)), 0.0, float(np.cos(half)))
     )
     path = bag(tf(CODEC, leaning, topic="/tf_static"), moving(CODEC, TIMES), sweep_messages(CODEC, SCANS))
-    with pytest.raises(TransformError, match="laser leans by up to 20 degrees, wanted 3 at most"):
+    with pytest.raises(TransformError, match="laser leans by up to 20 degrees, wanted 3 at most") as caught:
         open_scans(path)
+    assert "--poses FILE --scan-topic /scan" in str(caught.value)
+    assert "clock" not in str(caught.value)
+    assert_placed(open_scans(path, bag=BagChoice(trajectory=FromElsewhere(TIMES, [pose_at(t) for t in TIMES]))))
 
 
 # ---- topics --------------------------------------------------------------------------------------
@@ -287,8 +317,18 @@ def test_poses_from_elsewhere_are_of_the_laser_or_of_the_base(bag):
     log = open_scans(path, bag=BagChoice(trajectory=poses))
     assert_placed(log)
     assert "by traj.tum" in log.format
+    assert "taken as of laser itself; if they are of the robot, --base-frame base_link" in notes_of(log)
     log = open_scans(path, bag=BagChoice(trajectory=poses, base_frame="base_link"))
     assert log[0].x == pytest.approx(2.5)
+
+
+def test_poses_from_elsewhere_at_other_times_can_be_shifted(bag):
+    path = bag(sweep_messages(CODEC, SCANS))
+    for times in (TIMES + 1000, TIMES[:15]):
+        poses = FromElsewhere(times, [pose_at(t) for t in times])
+        with pytest.raises(TransformError, match="--pose-offset S adds") as caught:
+            open_scans(path, bag=BagChoice(trajectory=poses))
+        assert "--fixed-frame" not in str(caught.value)
 
 
 def test_poses_from_elsewhere_are_of_one_laser(bag):
@@ -383,6 +423,14 @@ def test_a_topic_of_clouds_needs_heights(bag):
         ConfigError, match=r"holds clouds; wanted scans.\n.*--from-cloud 0\.2:0\.4 --scan-topic /points"
     ):
         open_scans(path, bag=BagChoice(("/points",)))
+
+
+def test_rows_of_a_cloud_whose_length_is_not_said_follow_each_other(bag):
+    messages = cloud_messages(height_m=0.0)
+    for one in messages:
+        one.message.height, one.message.width, one.message.row_step = 4, one.message.width // 4, 0
+    path = bag([odometry(CODEC, t, child="lidar") for t in TIMES], messages)
+    assert_placed(open_scans(path, bag=BagChoice(from_cloud=(0.2, 0.4))), within_m=0.06)
 
 
 def test_a_cloud_that_is_none(bag):

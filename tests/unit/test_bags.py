@@ -164,6 +164,15 @@ def test_what_metadata_names_must_be_there(tmp_path):
     assert (len(log), log.n_skipped) == (5, 1)
 
 
+def test_a_file_under_two_names_is_read_once(tmp_path):
+    scans = room_scans(10)
+    write_bag(tmp_path / "run", scans)
+    (file,) = (tmp_path / "run").glob("*.db3")
+    (tmp_path / "link.db3").symlink_to(file)
+    (log,) = open_bag([tmp_path / "run", file, tmp_path / "run" / ".." / "run" / file.name, tmp_path / "link.db3"])
+    assert_same(log, scans)
+
+
 def test_a_folder_with_the_same_run_twice_is_not_guessed_at(tmp_path):
     (tmp_path / "runs").mkdir()
     for name in ("run.mcap", "run.bag"):

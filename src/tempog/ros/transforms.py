@@ -226,10 +226,11 @@ class TransformBuffer:
         for name in (fixed, frame):
             if name not in known:
                 return f"there is no frame {name!r}; there are {', '.join(known)}"
-        groups = [", ".join(self._connected(name)) for name in (fixed, frame)]
+        groups = [", ".join(self.connected(name)) for name in (fixed, frame)]
         return f"nothing connects {frame} with {fixed}: on one side are {groups[0]}, on the other {groups[1]}"
 
-    def _connected(self, name: str) -> list[str]:
+    def connected(self, name: str) -> list[str]:
+        """The frame and all that transforms connect with it, at whatever time."""
         group = {name}
         while grown := {one for names in self._tracks for one in names if group & set(names)} - group:
             group |= grown

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,7 @@ from tempog.times import NS_PER_S
 TRANSFORM_TYPES = (TF_MESSAGE, OLD_TF_MESSAGE)
 POSE_TYPES = (ODOMETRY, POSE_WITH_COVARIANCE, POSE)
 STATIC_TOPIC = "tf_static"
+NO_FRAME = "a frame without a name"  # of messages whose header names none; poses of it can still be given
 Progress = Callable[[int, int], None]  # bytes dealt with, and of how many
 
 
@@ -205,7 +206,7 @@ def open_recording(
             bad.add(name, f"{path / METADATA} names this file, but it is not there")
     if not files:
         raise ScanError("no bags were given; wanted at least one")
-    files = list(dict.fromkeys(files))
+    files = list({file.resolve(): (file, kind) for file, kind in reversed(files)}.values())[::-1]
     if len(files) > 1:
         files.sort(key=lambda file: _start_ns(*file))
     return Recording(source, files, bad, progress=progress, skip_bad=skip_bad)
@@ -272,6 +273,8 @@ def read_contents(recording: Recording, wants_scans: Callable[[Topic], bool]) ->
 
 
 def _checked(sweep: Sweep) -> Sweep:
+    if not sweep.frame:
+        sweep = replace(sweep, frame=NO_FRAME)
     if len(sweep.angles) and not np.abs(sweep.angles[[0, -1]]).max() <= MAX_ANGLE_RAD:
         raise MessageError(f"its beams point at {sweep.angles[0]:g} to {sweep.angles[-1]:g} rad")
     return sweep

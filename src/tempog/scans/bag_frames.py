@@ -15,7 +15,7 @@ from tempog.errors import ConfigError, ScanError, TransformError
 from tempog.ros.messages import LASER_SCAN, POINT_CLOUD, StampedTransform, Sweep, yawed
 from tempog.ros.transforms import TransformBuffer
 from tempog.scans.bag_choice import BagChoice, Poses
-from tempog.scans.bag_contents import POSE_TYPES, Contents, Recording, read_poses
+from tempog.scans.bag_contents import POSE_TYPES, STATIC_TOPIC, TRANSFORM_TYPES, Contents, Recording, read_poses
 
 # Frames that do not move with the robot, best first: one that localisation corrects, one that drifts (REP 105).
 MAP_FRAME, ODOM_FRAME = "map", "odom"
@@ -356,12 +356,16 @@ def _share_placed(placement: Placement, lasers: Sequence[Laser]) -> float:
 def _nowhere(recording: Recording, buffer: TransformBuffer, lasers: Sequence[Laser]) -> str:
     frame = lasers[0].frame
     base = base_of(buffer, frame)
+    near = [one for one in buffer.connected(frame) if one != frame]
     frames = ", ".join(sorted(_known(buffer))) or "none"
+    alone = f"; with {frame} are connected: {', '.join(near) or 'none'}" if _known(buffer) else ""
     still = f" If the laser stood still, --fixed-frame {base}." if base != frame else ""
+    lacks = not any(name.endswith(STATIC_TOPIC) for name in recording.topics(*TRANSFORM_TYPES))
+    static = f" If another file of the recording holds /{STATIC_TOPIC}, name it as well." if lacks else ""
     return (
-        f"{recording.source}: nothing says where {frame} was: no transforms move it (frames: {frames}), and no topic"
-        f" with poses does. Topics: {recording.listing()}.\n"
-        f"  Record /tf and /tf_static or odometry as well, or give poses from elsewhere.{still}"
+        f"{recording.source}: nothing says where {frame} was: no transforms move it (frames: {frames}{alone}), and no"
+        f" topic with poses does. Topics: {recording.listing()}.\n"
+        f"  Record /tf and /tf_static or odometry as well, or give poses from elsewhere.{still}{static}"
     )
 
 
@@ -379,4 +383,7 @@ def _by_trajectory(buffer: TransformBuffer, lasers: Sequence[Laser], choice: Bag
         for stamp, (x, y, theta) in zip(poses.stamps_ns.tolist(), poses.poses.tolist(), strict=True)
     ]
     linked, notes = _linked(buffer, lasers, transforms, body)
+    robot = base_of(buffer, body)
+    if not choice.base_frame and robot != body:
+        notes.append(f"the poses are taken as of {body} itself; if they are of the robot, --base-frame {robot}")
     return Placement(linked, fixed, poses.source or "poses from elsewhere", tuple(notes))

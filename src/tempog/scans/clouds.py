@@ -42,7 +42,10 @@ def points_of(message: Any) -> NDArray[np.float64]:
         kinds.append(order + kind)
     layout = np.dtype({"names": ["x", "y", "z"], "formats": kinds, "offsets": offsets, "itemsize": step})
     data = np.ascontiguousarray(message.data, dtype=np.uint8)
-    row = int(message.row_step) if height > 1 else width * step
+    tight = height <= 1 or (
+        not message.row_step and len(data) == height * width * step
+    )  # some drivers say no row_step
+    row = width * step if tight else int(message.row_step)
     if row < width * step or len(data) < row * height:
         raise MessageError(f"a cloud of {height} rows of {width} points of {step} bytes in {len(data)} bytes")
     rows = data[: row * height].reshape(height, row)[:, : width * step]

@@ -23,13 +23,24 @@ from tempog.scans.bag_contents import (
     read_clouds,
     read_contents,
 )
-from tempog.scans.bag_frames import Laser, Placement, base_of, check_topics, choose_lasers, place, transforms_for
+from tempog.scans.bag_frames import (
+    FRAME_OF_POSES,
+    Laser,
+    Placement,
+    base_of,
+    check_topics,
+    choose_lasers,
+    place,
+    transforms_for,
+)
 from tempog.scans.clock import ClockPolicy, mend_clock, parse_clock
 from tempog.scans.clouds import BEAM_DEG, frame_of, sweep_of_cloud
 from tempog.scans.laser_geometry import check_sensor_max_range
 from tempog.scans.scan import Scan, ScanLog
 from tempog.scans.sweep import scans_of
 from tempog.times import NS_PER_S
+
+LEANS = "leans by up to"
 
 
 def open_bag(
@@ -161,7 +172,7 @@ def _log(recording: Recording, laser: Laser, placement: Placement, policy: Clock
         if not skip_bad or len(without) == len(sweeps):
             raise TransformError(
                 f"{recording.source}: {counted} cannot be placed: {reasons}.\n"
-                f"  {_remedy(laser, placement, len(without), len(sweeps))}"
+                f"  {_remedy(laser, placement, reasons, len(without) == len(sweeps))}"
             )
         notes.append(f"{counted} left out: {reasons}")
     scans = [
@@ -169,6 +180,8 @@ def _log(recording: Recording, laser: Laser, placement: Placement, policy: Clock
         for scan, stamp_ns in zip(found, mended.stamp_ns.tolist(), strict=True)
         if scan is not None
     ]
+    if not any((scan.ranges > 0).any() for scan in scans):  # no returns are infinite, and count
+        notes.append(f"no beam of {laser.topic} says anything: all readings are below range_min, or no numbers")
     counts, limits = sorted({len(scan.ranges) for scan in scans}), {sweep.max_range for sweep in sweeps}
     beams = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
     limit = max(limits)
@@ -200,17 +213,24 @@ def _why_without(without: list[Sweep], laser: Laser, placement: Placement) -> st
     _, _, level = flatten(moved, turned)
     if level.all():
         return f"where {laser.frame} is in {placement.fixed} is not known all through the sweep"
-    return f"{laser.frame} leans by up to {lean:.0f} degrees, wanted {math.degrees(MOST_TILT_RAD):.0f} at most"
+    return f"{laser.frame} {LEANS} {lean:.0f} degrees, wanted {math.degrees(MOST_TILT_RAD):.0f} at most"
 
 
-def _remedy(laser: Laser, placement: Placement, n_without: int, n_scans: int) -> str:
-    first_s, last_s = (int(stamp) / NS_PER_S for stamp in (laser.stamps_ns.min(), laser.stamps_ns.max()))
-    if n_without == n_scans:
+def _remedy(laser: Laser, placement: Placement, reasons: str, all_of_them: bool) -> str:
+    if all_of_them and LEANS in reasons:
         return (
-            f"The scans are from {first_s:.3f} to {last_s:.3f} s. Do both use the same clock? Use another"
-            " --fixed-frame, or a --pose-topic."
+            f"If it does not, its transform is wrong: give its poses in the plane with --poses FILE --scan-topic"
+            f" {laser.topic}. Of a laser that does, no map in the plane can be made."
         )
-    return "Use --skip-bad to leave them out, or another --fixed-frame or a --pose-topic."
+    first_s, last_s = (int(stamp) / NS_PER_S for stamp in (laser.stamps_ns.min(), laser.stamps_ns.max()))
+    if placement.fixed == FRAME_OF_POSES:
+        shift = "--pose-offset S adds S seconds to the stamps of the poses"
+        other = f"; {shift}"
+    else:
+        shift, other = "Use another --fixed-frame, or a --pose-topic", ", or another --fixed-frame or a --pose-topic"
+    if all_of_them:
+        return f"The scans are from {first_s:.3f} to {last_s:.3f} s. Do both use the same clock? {shift}."
+    return f"Use --skip-bad to leave them out{other}."
 
 
 # ---- clouds --------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ import itertools
 import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -661,3 +662,20 @@ def test_a_stamped_transform_without_numbers_stops_or_is_counted(tmp_path):
     with pytest.raises(ScanError, match=r"/tf message 1 .*the transform of base_link in odom .* is unusable"):
         open_scans(tmp_path / "run.mcap")
     assert open_scans(tmp_path / "run.mcap", skip_bad=True).n_skipped == 1
+
+
+def test_a_database_whose_messages_are_all_in_its_log_is_read(tmp_path):
+    write_bag(tmp_path / "whole.db3", room_scans(400, period_s=0.05))  # transforms are many and small
+    with closing(sqlite3.connect(tmp_path / "run.db3")) as recorder:
+        recorder.execute("PRAGMA journal_mode = WAL")
+        recorder.execute("PRAGMA wal_autocheckpoint = 0")
+        with closing(sqlite3.connect(tmp_path / "whole.db3")) as whole:
+            recorder.executescript(
+                ";".join(sql for (sql,) in whole.execute("SELECT sql FROM sqlite_master WHERE sql > ''"))
+            )
+        recorder.execute("ATTACH ? AS whole", (str(tmp_path / "whole.db3"),))
+        for table in ("topics", "messages"):
+            recorder.execute(f"INSERT INTO {table} SELECT * FROM whole.{table}")
+        recorder.commit()
+        assert (tmp_path / "run.db3").stat().st_size < 10_000
+        assert len(open_scans(tmp_path / "run.db3")) == 400

@@ -32,7 +32,8 @@ def read_sqlite(path: Path, wants: Wanted, reading: Reading) -> Iterator[RawMess
     size = path.stat().st_size
     log = path.with_name(path.name + "-wal")
     # A write-ahead log holds what the recorder wrote last; without one, nothing is to be made beside the file.
-    how = "mode=ro" if log.is_file() and log.stat().st_size else "mode=ro&immutable=1"
+    logged = log.stat().st_size if log.is_file() else 0
+    how = "mode=ro" if logged else "mode=ro&immutable=1"
     place = str(path.absolute()).replace("%", "%25").replace("?", "%3f").replace("#", "%23")
     try:
         with closing(sqlite3.connect(f"file:{place}?{how}", uri=True)) as database:
@@ -42,7 +43,7 @@ def read_sqlite(path: Path, wants: Wanted, reading: Reading) -> Iterator[RawMess
             except sqlite3.DatabaseError as error:
                 reading.lose(f"SQLite says: {error}")
                 database.execute("PRAGMA writable_schema = ON")  # so it reads what there is of a file cut off
-            yield from _messages(database, size, wants, reading)
+            yield from _messages(database, size + logged, wants, reading)
     except (sqlite3.Error, UnicodeError, OverflowError) as error:
         n_read = sum(reading.n_messages.values())
         reading.lose(f"after {n_read} messages SQLite says: {error}", 0 if n_read else size)

@@ -258,6 +258,17 @@ def test_a_topic_with_poses_takes_the_place_of_transforms(bag, pose_of):
     assert ("taken as of base_link (--base-frame names another)" in notes_of(log)) == (pose_of is not odometry)
 
 
+def test_where_odom_alone_is_connected_topics_of_localisation_are_named(bag):
+    poses = [amcl_pose(CODEC, t) for t in TIMES]
+    wish = amcl_pose(CODEC, 0, topic="/initialpose")
+    path = bag(ON_BASE, moving(CODEC, TIMES), poses, wish, sweep_messages(CODEC, SCANS))
+    notes = notes_of(open_scans(path))
+    assert "drifts: walls may double | localisation may know better: --pose-topic /amcl_pose" in notes
+    assert "initialpose" not in notes
+    path = bag(ON_BASE, moving(CODEC, TIMES, "map"), poses, sweep_messages(CODEC, SCANS))
+    assert "localisation" not in notes_of(open_scans(path))
+
+
 def test_a_laser_without_transforms_is_taken_to_be_where_the_poses_are(bag):
     log = open_scans(bag([odometry(CODEC, t) for t in TIMES], sweep_messages(CODEC, SCANS)))
     assert_placed(log)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tempog.errors import ConfigError, ScanError, TransformError
-from tempog.ros.messages import LASER_SCAN, POINT_CLOUD, StampedTransform, Sweep, yawed
+from tempog.ros.messages import LASER_SCAN, POINT_CLOUD, POSE_WITH_COVARIANCE, StampedTransform, Sweep, yawed
 from tempog.ros.transforms import TransformBuffer
 from tempog.scans.bag_choice import BagChoice, Poses
 from tempog.scans.bag_contents import POSE_TYPES, STATIC_TOPIC, TRANSFORM_TYPES, Contents, Recording, read_poses
@@ -182,7 +182,10 @@ def place(recording: Recording, buffer: TransformBuffer, lasers: Sequence[Laser]
         return _by_poses(recording, buffer, lasers, choice, choice.pose_topic, poses)
     fixed, others = _fixed_frame(recording, buffer, lasers, choice.fixed_frame)
     if fixed:
-        return Placement(buffer, fixed, "transforms", tuple(_about(fixed, others)))
+        corrected = _likely(recording.topics(POSE_WITH_COVARIANCE)) if _short(fixed) == ODOM_FRAME else []
+        flags = " or ".join(f"--pose-topic {name}" for name in corrected)
+        better = [f"localisation may know better: {flags}"] if flags else []
+        return Placement(buffer, fixed, "transforms", (*_about(fixed, others), *better))
     return _by_best_topic(recording, buffer, lasers, choice)
 
 
@@ -324,9 +327,8 @@ def _by_best_topic(
     recording: Recording, buffer: TransformBuffer, lasers: Sequence[Laser], choice: BagChoice
 ) -> Placement:
     counts = {name: n for name, n in recording.topics(*POSE_TYPES).items() if n}
-    likely = [name for name in counts if not any(word in name.lower() for word in NO_POSES)]
     found: list[tuple[tuple[bool, bool, float, int], str, Placement]] = []
-    for name, poses in read_poses(recording, likely).items():
+    for name, poses in read_poses(recording, _likely(counts)).items():
         if not poses:
             continue
         try:
@@ -343,6 +345,10 @@ def _by_best_topic(
     flags = " or ".join(f"--pose-topic {other}" for other in counts if other != name)
     notes = [f"no transforms say where {lasers[0].frame} was: {name} does" + (f"; others: {flags}" if flags else "")]
     return Placement(placement.buffer, placement.fixed, placement.source, (*notes, *placement.notes))
+
+
+def _likely(counts: Mapping[str, int]) -> list[str]:
+    return [name for name, n in counts.items() if n and not any(word in name.lower() for word in NO_POSES)]
 
 
 def _share_placed(placement: Placement, lasers: Sequence[Laser]) -> float:

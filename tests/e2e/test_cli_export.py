@@ -335,7 +335,8 @@ def test_nothing_is_overwritten_unless_told_to(tempog, rooms: Path, tmp_path: Pa
     assert result.code == 1
     assert "map.yaml already; use --force" in result.err
     assert (tmp_path / "site/map.yaml").read_text() == "mine"
-    assert tempog(rooms, "--nav2", tmp_path / "site", "--force").code == 0
+    assert tempog(rooms, "--nav2", tmp_path / "site", "--mode", "scale", "--force").code == 0
+    assert tempog(rooms, "--nav2", tmp_path / "site", "--force").code == 0  # leaves no picture of the mode before
     assert {path.name for path in (tmp_path / "site").iterdir()} == FILES | {"robot.urdf"}
     assert (tmp_path / "site/robot.urdf").read_text() == "mine, too"
     assert [path.name for path in tmp_path.iterdir()] == ["site"]

@@ -144,6 +144,13 @@ def test_an_unknown_fixed_frame_lists_the_known(bag):
         open_scans(path, bag=BagChoice(base_frame="bse"))
 
 
+@pytest.mark.parametrize("frame", ["laser", "base_link"])
+def test_a_fixed_frame_that_moves_with_the_robot_is_refused(bag, frame):
+    path = bag(ON_BASE, moving(CODEC, TIMES), sweep_messages(CODEC, SCANS))
+    with pytest.raises(ConfigError, match=r"laser never moves in it.\n  Use --fixed-frame odom"):
+        open_scans(path, bag=BagChoice(fixed_frame=frame))
+
+
 def test_a_chain_that_is_broken_says_where(bag):
     path = bag(
         tf(CODEC, transform(0, "torso", "laser"), topic="/tf_static"),

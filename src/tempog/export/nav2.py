@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import uuid
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, get_args
 
 from tempog.errors import MapError
 from tempog.export.map_server import Mode, check_mode, write_nav2_map
@@ -91,6 +91,8 @@ def export_nav2(
         if folder.exists():
             for name in file_names(mode):
                 (unfinished / name).replace(folder / name)
+            for name in (name for other in get_args(Mode) for name in set(file_names(other)) - set(file_names(mode))):
+                (folder / name).unlink(missing_ok=True)  # a picture of the other mode, which nothing names any more
         else:
             unfinished.replace(folder)
     finally:

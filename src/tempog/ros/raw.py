@@ -123,7 +123,12 @@ def type_name(text: str) -> str:
 def unpacked(packed: bytes) -> bytes:
     """What was packed by Zstandard, as recorders of ROS 2 can do with single messages; raises if it is damaged."""
     stream = need("zstandard", "bags").ZstdDecompressor().stream_reader(packed)
-    return b"".join(iter(lambda: stream.read(BLOCK_BYTES), b""))
+    parts: list[bytes] = []
+    while part := stream.read(BLOCK_BYTES):
+        parts.append(part)
+        if len(parts) * BLOCK_BYTES > MOST_UNPACKED_BYTES:
+            raise ValueError(f"it holds more than {MOST_UNPACKED_BYTES} bytes")
+    return b"".join(parts)
 
 
 def unpacked_as_far(how: str, packed: bytes) -> bytes:

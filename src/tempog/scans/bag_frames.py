@@ -221,11 +221,14 @@ def _fixed_frame(
     if wanted:
         for laser in lasers:
             try:
-                buffer.chain(wanted, laser.frame)
+                chain = buffer.chain(wanted, laser.frame)
+                why = f"{laser.frame} never moves in it" if _is_rigid(buffer, chain) else ""
             except TransformError as error:
+                why = str(error)
+            if why:
                 candidates = _candidates(buffer, [laser])
                 hint = "".join(f"\n  Use --fixed-frame {name}." for name in candidates[:1])
-                raise ConfigError(f"{recording.source}: --fixed-frame {wanted} cannot work: {error}.{hint}") from None
+                raise ConfigError(f"{recording.source}: --fixed-frame {wanted} cannot work: {why}.{hint}")
         return wanted, []
     candidates = _candidates(buffer, lasers)
     if candidates:
@@ -238,6 +241,13 @@ def _fixed_frame(
         )
         raise ConfigError(f"{recording.source}: the lasers move in no common frame; map them one by one.\n{flags}")
     return "", []
+
+
+def _is_rigid(buffer: TransformBuffer, chain: list[str]) -> bool:
+    """Whether static transforms alone connect some frames, as those of one robot; a frame with itself, too."""
+    return _short(chain[-1]) not in FIXED_FRAMES and all(
+        buffer.is_static(one, other) or buffer.is_static(other, one) for one, other in pairwise(chain)
+    )
 
 
 def _candidates(buffer: TransformBuffer, lasers: Sequence[Laser]) -> list[str]:

@@ -15,6 +15,7 @@ from tempog.errors import ConfigError
 from tempog.live import outgoing
 from tempog.live.robot import LiveRobot, LiveSettings
 from tempog.ros.messages import (
+    LASER_SCAN,
     OCCUPANCY_GRID,
     POINT_CLOUD,
     Codec,
@@ -223,6 +224,37 @@ def test_it_says_which_scans_there_are_when_none_come(quick_path):
     bench.live.step(0.0)
     bench.end()
     assert bench.notes == ["no scan has come on scan yet; LaserScans are published elsewhere: --scan-topic /scan"]
+
+
+def test_a_laser_that_is_silent_is_named_though_another_speaks(quick_path, scans):
+    bench = Bench(quick_path / "map", replace(NO_OBJECTS, scan_topics=("/scan", "/raer")))
+    bench.memory.advertise("/rear", LASER_SCAN)
+    bench.drive(scans)
+    bench.clock.now_s += 6.0
+    bench.live.step(0.0)
+    bench.end()
+    wanted = "no scan has come on /raer yet; LaserScans are published elsewhere: --scan-topic /rear"
+    assert [note for note in bench.notes if "no scan" in note] == [wanted]
+
+
+def test_a_publisher_that_says_nothing_is_not_offered_as_another(quick_path):
+    bench = Bench(quick_path / "map", replace(NO_OBJECTS, scan_topics=("/scan",)))
+    bench.clock.now_s += 6.0
+    bench.live.step(0.0)
+    bench.end()
+    assert bench.notes == ["no scan has come on /scan yet; a publisher is there, and says nothing"]
+
+
+def test_a_laser_that_leans_is_no_laser_in_the_plane(quick_path, scans):
+    bench = Bench(quick_path / "map", replace(NO_OBJECTS, scan_topics=("/scan",)))
+    leaning = (0.0, np.sin(np.radians(5)), 0.0, np.cos(np.radians(5)))
+    codec = Codec("ros2")
+    mounted = tf_message(codec, [StampedTransform(0, "base_link", "laser", (0.0, 0.0, 0.3), leaning)])
+    bench.robot.publishers["/tf_static"].publish(codec.encode(mounted))
+    bench.drive(scans[:1])
+    bench.end()
+    assert bench.live.counts.unplaced == 1
+    assert bench.notes == ["scans without a place: laser leans by more than 3 degrees in map"]
 
 
 def test_a_connection_that_goes_and_comes_back_is_said(quick_path):

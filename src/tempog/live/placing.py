@@ -7,9 +7,11 @@ import math
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
+import numpy as np
+
 from tempog.errors import ScanError, TransformError
 from tempog.ros.messages import StampedTransform, Sweep
-from tempog.ros.transforms import TransformBuffer
+from tempog.ros.transforms import MOST_TILT_RAD, TransformBuffer
 from tempog.scans.scan import Scan
 from tempog.scans.sweep import scan_of
 from tempog.times import NS_PER_S
@@ -121,7 +123,7 @@ class Placing:
         try:
             scan = scan_of(sweep, self.buffer, fixed, label=f"the scan of {sweep.frame}")
             if scan is None:
-                self._drop(self.buffer.explain(fixed, sweep.frame, [sweep.stamp_ns, sweep.stop_ns]))
+                self._drop(self._no_pose(fixed, sweep))
         except (TransformError, ScanError) as error:
             self._drop(str(error))
             return None
@@ -139,6 +141,13 @@ class Placing:
             self.fixed_frame = name
             return name
         return ""
+
+    def _no_pose(self, fixed: str, sweep: Sweep) -> str:
+        stamps_ns = [sweep.stamp_ns, sweep.stop_ns]
+        moved, _ = self.buffer.poses(fixed, sweep.frame, stamps_ns, partial=True)
+        if np.isfinite(moved).all():
+            return f"{sweep.frame} leans by more than {math.degrees(MOST_TILT_RAD):g} degrees in {fixed}"
+        return self.buffer.explain(fixed, sweep.frame, stamps_ns)
 
     def _no_frame(self, sweep: Sweep) -> str:
         known = sorted({name for pair in self.buffer.frames().items() for name in pair})

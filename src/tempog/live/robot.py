@@ -125,6 +125,7 @@ class LiveRobot:
         self._analyst = Analyst(live.path)
         self._notes = Notes(note, clock)
         self._has_history = live.n_scans > 0
+        self._silent = list(dict.fromkeys(self.settings.scan_topics))  # that nothing came on yet
         self._first_ns = self._last_ns = -1
         self._asked_ns: int | None = None
         self._moving = self._markers_due = False
@@ -196,6 +197,8 @@ class LiveRobot:
         try:
             if letter.kind in self.settings.scan_topics:
                 self.counts.received += 1
+                if letter.kind in self._silent:
+                    self._silent.remove(letter.kind)
                 sweep = ros.sweep_of(self._codec.decode(letter.raw, ros.LASER_SCAN))
                 if self._in_time(sweep):
                     self._placing.add_sweep(sweep, letter.kind, self._clock())
@@ -376,17 +379,20 @@ class LiveRobot:
         if connected != self._connected:
             self._note(f"{self._transport.where}: {'there again' if connected else 'gone; waiting for it'}")
         self._connected = connected
-        if not self.counts.received and self._clock() - self._started_s > SILENT_S:
+        if self._silent and self._clock() - self._started_s > SILENT_S:
             self._notes.say("silent", self._silence())
 
     def _silence(self) -> str:
         """That nothing has come, and what could be listened to instead."""
-        topics = " ".join(self.settings.scan_topics)
-        others = [f"--scan-topic {topic}" for topic in self._transport.topics_of(ros.LASER_SCAN)]
-        there = (
-            f"LaserScans are published elsewhere: {' '.join(others)}" if others else "nobody is seen to publish any"
-        )
-        return f"no scan has come on {topics} yet; {there}"
+        published = self._transport.topics_of(ros.LASER_SCAN)
+        others = [f"--scan-topic {topic}" for topic in published if topic not in self.settings.scan_topics]
+        if set(published) & set(self._silent):
+            there = "a publisher is there, and says nothing"
+        elif others:
+            there = f"LaserScans are published elsewhere: {' '.join(others)}"
+        else:
+            there = "nobody is seen to publish any"
+        return f"no scan has come on {' '.join(self._silent)} yet; {there}"
 
 
 def _with_stamp(scan: Scan, stamp_ns: int) -> Scan:

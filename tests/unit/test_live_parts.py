@@ -66,6 +66,19 @@ def test_connections_that_cannot_work_are_refused(settings):
         Connection(**settings)
 
 
+@pytest.mark.parametrize("name", ["/", "a//b", "scan*", "r$1", "front scan", ""])
+def test_names_that_no_topic_can_have_are_refused(name):
+    with pytest.raises(ConfigError, match="is no name of a ROS topic; wanted letters"):
+        Connection().full_name(name)
+
+
+def test_namespaces_are_names():
+    assert Connection(namespace="/").full_name("scan") == "/scan"
+    assert Connection(namespace="/site/r1/").full_name("scan") == "/site/r1/scan"
+    with pytest.raises(ConfigError, match=r"'r\*' is no name of a ROS namespace"):
+        Connection(namespace="r*")
+
+
 @pytest.fixture
 def saved(tmp_path):
     path = tmp_path / "map"
@@ -100,6 +113,25 @@ def test_an_analyst_answers_and_may_be_killed(saved):
         assert "has ended" in answered(analyst).failure
         analyst.ask(Question(0))
         np.testing.assert_array_equal(answered(analyst).found.walls, first.found.walls)
+    finally:
+        analyst.close()
+
+
+def test_an_analyst_that_cannot_be_started_says_so(saved, monkeypatch):
+    analyst = Analyst(saved)
+    with monkeypatch.context() as full:
+
+        def refuse(*args, **settings):
+            raise BlockingIOError("Resource temporarily unavailable")
+
+        full.setattr(subprocess, "Popen", refuse)
+        analyst.ask(Question(0))
+        assert analyst.busy
+        assert "could not be started: Resource" in answered(analyst).failure
+    assert not analyst.busy
+    try:
+        analyst.ask(Question(0))
+        assert answered(analyst).failure == ""
     finally:
         analyst.close()
 

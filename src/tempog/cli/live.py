@@ -116,8 +116,8 @@ def live(
         from tempog.views.web.sources import LiveSource
     connection = connection_of(zenoh, bridge, ros1, domain, namespace, node="tempog")
     settings = LiveSettings(
-        tuple(scan_topic or ["scan"]),
-        tf_topic,
+        tuple(dict.fromkeys(connection.full_name(topic) for topic in scan_topic or ["scan"])),
+        connection.full_name(tf_topic),
         fixed_frame.lstrip("/"),
         wait,
         queue,

@@ -100,14 +100,19 @@ class Analyst:
         """Hand a question over; nothing may be asked while it is busy."""
         if self._child is not None and self._child.poll() is not None:
             self.close()
-        if self._child is None:
-            self._child = subprocess.Popen(
-                [sys.executable, "-c", CHILD, str(self._path)],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                start_new_session=True,  # an interrupt from the terminal is for the parent alone
-            )
         self._question = question
+        if self._child is None:
+            try:
+                self._child = subprocess.Popen(
+                    [sys.executable, "-c", CHILD, str(self._path)],
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    start_new_session=True,  # an interrupt from the terminal is for the parent alone
+                )
+            except OSError as error:  # no memory, or too many processes or files: mapping goes on
+                failure = f"the process that looks for objects could not be started: {error}"
+                self._answers.put(Answer(question, failure=failure))
+                return
         asked = (self._child, question)
         self._waiting = threading.Thread(target=self._wait, args=asked, daemon=True, name="tempog-analyst")
         self._waiting.start()

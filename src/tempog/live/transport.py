@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -14,6 +15,7 @@ Received = Callable[[bytes], None]
 
 ZENOH_ENDPOINT = "tcp/127.0.0.1:7447"  # where a router of rmw_zenoh listens, on this machine
 NODE = "tempog"
+NAME = re.compile("[A-Za-z0-9_]+(/[A-Za-z0-9_]+)*")  # of topics and namespaces, in ROS 1 and ROS 2
 
 
 class Publisher(Protocol):
@@ -77,6 +79,8 @@ class Connection:
             raise ConfigError(f"kind = {self.kind!r} is unknown; wanted zenoh, bridge or ros1")
         if not 0 <= self.domain <= 232:
             raise ConfigError(f"domain = {self.domain} cannot work; wanted a ROS_DOMAIN_ID from 0 to 232")
+        if self.namespace.strip("/"):
+            _require_name(self.namespace, "namespace")
 
     def full_name(self, topic: str) -> str:
         """A topic with the namespace, and one slash before it.
@@ -84,9 +88,15 @@ class Connection:
         >>> Connection(namespace="r1").full_name("scan"), Connection(namespace="/r1/").full_name("/tf")
         ('/r1/scan', '/tf')
         """
+        _require_name(topic, "topic")
         if topic.startswith("/"):
             return f"/{topic.strip('/')}"
         return "/" + "/".join(part for part in (self.namespace.strip("/"), topic.strip("/")) if part)
+
+
+def _require_name(text: str, what: str) -> None:
+    if not NAME.fullmatch(text.strip("/")):
+        raise ConfigError(f"{text!r} is no name of a ROS {what}; wanted letters, digits and _, such as /r1/scan")
 
 
 def connect(connection: Connection, waiting: Callable[[str], bool] = lambda _: True) -> Transport:

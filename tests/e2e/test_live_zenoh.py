@@ -157,6 +157,19 @@ def test_asked_to_end_while_there_is_no_router_it_ends(tmp_path):
     assert live.returncode == 0
 
 
+def test_a_router_that_hangs_does_not_spoil_the_end(router):
+    transport = connect(router.connection())
+    session = transport._session
+
+    class Hanging:
+        def close(self):
+            raise zenoh.ZError("close operation timed out!")
+
+    transport._session = Hanging()
+    transport.close()
+    session.close()
+
+
 def test_a_router_may_come_late_go_away_and_come_back(tmp_path, scans):
     router = Router()
     connections: list = []

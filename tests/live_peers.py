@@ -22,7 +22,7 @@ ROUTER = """
 import json, sys, zenoh
 config = zenoh.Config()
 for key, value in {
-    "mode": "router", "listen/endpoints": [sys.argv[1]],
+    "mode": sys.argv[2], "listen/endpoints": [sys.argv[1]],
     "scouting/multicast/enabled": False, "scouting/gossip/enabled": False,
 }.items():
     config.insert_json5(key, json.dumps(value))
@@ -126,15 +126,16 @@ def free_port() -> int:
 
 
 class Router:
-    """A Zenoh router on this machine that can be killed and started again."""
+    """A Zenoh router, or peer, on this machine that can be killed and started again."""
 
-    def __init__(self) -> None:
+    def __init__(self, mode: str = "router") -> None:
+        self.mode = mode
         self.endpoint = f"tcp/127.0.0.1:{free_port()}"
         self.process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, "-c", ROUTER, self.endpoint], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+            [sys.executable, "-c", ROUTER, self.endpoint, self.mode], stdin=subprocess.PIPE, stdout=subprocess.PIPE
         )
         assert self.process.stdout is not None
         assert self.process.stdout.readline() == b"up\n"
@@ -150,8 +151,8 @@ class Router:
 
 
 @contextmanager
-def zenoh_router() -> Iterator[Router]:
-    router = Router()
+def zenoh_router(mode: str = "router") -> Iterator[Router]:
+    router = Router(mode)
     router.start()
     try:
         yield router

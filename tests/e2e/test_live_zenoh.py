@@ -157,6 +157,17 @@ def test_asked_to_end_while_there_is_no_router_it_ends(tmp_path):
     assert live.returncode == 0
 
 
+def test_a_bridge_that_is_a_peer_is_there_until_it_goes():
+    with zenoh_router("peer") as bridge:
+        transport = connect(bridge.connection("bridge"))
+        until(transport.connected, "the connection")
+        bridge.kill()
+        until(lambda: not transport.connected(), "notice that it is gone")
+        bridge.start()
+        until(transport.connected, "its return")
+        transport.close()
+
+
 def test_a_router_that_hangs_does_not_spoil_the_end(router):
     transport = connect(router.connection())
     session = transport._session

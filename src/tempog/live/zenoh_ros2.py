@@ -107,8 +107,8 @@ class ZenohTransport:
         return one
 
     def connected(self) -> bool:
-        """Whether the router is there."""
-        return bool(self._session.info.routers_zid())
+        """Whether the router is there, or the peer: a bridge may be either."""
+        return bool(self._session.info.routers_zid() or self._session.info.peers_zid())
 
     def topics_of(self, msgtype: str) -> list[str]:
         """Topics of a type that nodes of rmw_zenoh publish; a bridge's are not known."""

@@ -21,6 +21,7 @@ from tempog.live.replay import Replay
 from tempog.live.stopping import Stop
 from tempog.live.transport import Connection
 from tempog.ros.messages import LASER_SCAN, STRING, TF_MESSAGE, Codec, sweep_of, transforms_of
+from tempog.scans.scan import Scan
 from tempog.store.live_map import LiveMap
 
 
@@ -179,6 +180,30 @@ def test_what_is_played_says_what_the_log_says():
     last = next(one for one in reversed(moved) if one.child == "base_link")
     assert last.translation[:2] == pytest.approx((scans[-1].x, scans[-1].y))
     assert len(memory.sent["/tf_static"]) == 1
+
+
+def test_a_log_whose_sweeps_were_compensated_is_played_with_even_beams():
+    memory, rng = Memory(), np.random.default_rng(4)
+    scans = [
+        Scan(
+            0.0, (one.x, one.y, one.theta), np.arctan2(np.sin(bent), np.cos(bent)), one.ranges, stamp_ns=one.stamp_ns
+        )
+        for one in room_scans(5)
+        for bent in [2.0 + one.angles + rng.normal(0, 2e-3, len(one.angles))]  # across the seam at pi
+    ]
+    player = Replay(memory, scans, rate=float("inf"))
+    player.run()
+    assert player.n_spaced == player.n_scans == 5
+    codec = Codec("ros2")
+    for raw, scan in zip(memory.sent["/scan"], scans, strict=True):
+        sweep = sweep_of(codec.decode(raw, LASER_SCAN))
+        assert len(sweep.angles) == len(scan.angles)
+        step = sweep.angles[1] - sweep.angles[0]
+        seen = np.isfinite(sweep.ranges)
+        assert seen.mean() > 0.8
+        apart = np.abs(np.angle(np.exp(1j * (sweep.angles[seen, None] - scan.angles[None, :]))))
+        near = apart <= 0.51 * step
+        assert (near & (sweep.ranges[seen, None] == scan.ranges[None, :])).any(axis=1).all()
 
 
 def test_a_replay_ends_when_it_is_told_to():

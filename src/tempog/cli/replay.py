@@ -78,6 +78,10 @@ def replay(
             transport.close()
     if not quiet:
         print_note(f"{count_text(player.n_scans)} scans were played")
+        if player.n_spaced:
+            print_note(
+                f"{count_text(player.n_spaced)} of them had beams that no LaserScan can hold: moved to even angles"
+            )
 
 
 def _rate(text: str) -> float:

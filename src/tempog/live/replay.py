@@ -6,6 +6,8 @@ import math
 import time
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
 from tempog.errors import ConfigError, ScanError
 from tempog.live.transport import Publisher, Transport
 from tempog.ros.bag_writers import OutMessage
@@ -14,6 +16,7 @@ from tempog.scans.bag_writer import Frames, Mount, messages_of, static_messages
 from tempog.scans.scan import Scan, scan_period_s
 from tempog.times import NS_PER_S
 
+EVEN_RAD = 1e-5  # rad; as the messages are written
 LONGEST_SLEEP_S = 0.1  # s; then it is looked whether to go on
 
 
@@ -24,7 +27,8 @@ class Replay:
     ----------
     transport : Transport
     scans : sequence of Scan
-        In time order, of evenly spaced beams; a `ScanLog`, for example.
+        In time order; a `ScanLog`, for example. Where beams are not evenly spaced, as when motion during a sweep was
+        compensated, each reading moves to the nearest of as many beams that are; of two the shorter stays.
     mount, frames : Mount and Frames, optional
         What topics and frames are called.
     rate : float
@@ -38,6 +42,8 @@ class Replay:
     ----------
     n_scans : int
         Published so far.
+    n_spaced : int
+        Of these, with beams that were not evenly spaced.
 
     Raises
     ------
@@ -63,7 +69,7 @@ class Replay:
             raise ScanError("there are no scans to play; wanted at least one")
         if not rate > 0:
             raise ConfigError(f"rate = {rate!r} cannot work; wanted a number above 0, or max")
-        self.n_scans = 0
+        self.n_scans = self.n_spaced = 0
         self._scans, self._rate = scans, rate
         self._mount, self._frames = mount or Mount(), frames or Frames()
         self._codec = Codec(transport.version)
@@ -93,7 +99,9 @@ class Replay:
         while played < times:
             previous = None if played else previous
             for scan in self._scans:
-                moved = _shifted(scan, shift_ns)
+                even = evenly_spaced(scan)
+                self.n_spaced += even is not scan
+                moved = _shifted(even, shift_ns)
                 for message in messages_of(moved, self._codec, self._mount, self._frames, previous):
                     due_s = began_s + (message.stamp_ns - began_ns) / NS_PER_S / self._rate
                     if not self._wait(due_s, stop):
@@ -115,6 +123,27 @@ class Replay:
 
     def _publish(self, message: OutMessage) -> None:
         self._publishers[message.topic].publish(self._codec.encode(message.message))
+
+
+def evenly_spaced(scan: Scan) -> Scan:
+    """A scan whose beams a LaserScan can hold; the same one if they are evenly spaced.
+
+    >>> uneven = Scan(0.0, (0.0, 0.0, 0.0), [0.0, 0.1, 0.19, 0.3], [1.0, 2.0, 3.0, 4.0])
+    >>> [round(float(angle), 6) for angle in evenly_spaced(uneven).angles]
+    [0.0, 0.1, 0.2, 0.3]
+    """
+    angles = np.unwrap(scan.angles)
+    n_beams = len(angles)
+    if n_beams < 2 or np.allclose(np.diff(scan.angles), scan.angles[1] - scan.angles[0], atol=EVEN_RAD):
+        return scan
+    low, high = float(angles.min()), float(angles.max())
+    even = np.linspace(low, high, n_beams)
+    nearest = np.rint((angles - low) / (high - low) * (n_beams - 1)).astype(np.intp)
+    ranges = np.full(n_beams, np.nan, dtype=np.float32)
+    for k in np.argsort(scan.ranges)[::-1]:  # what says nothing first, the shortest last
+        ranges[nearest[k]] = scan.ranges[k]
+    pose = scan.x, scan.y, scan.theta
+    return Scan(0.0, pose, even, ranges, scan.max_range, stamp_ns=scan.stamp_ns, label=scan.label)
 
 
 def _shifted(scan: Scan, by_ns: int) -> Scan:

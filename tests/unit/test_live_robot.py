@@ -148,6 +148,21 @@ def test_a_robot_without_a_map_frame_is_mapped_in_odom_after_a_while(quick_path,
     bench.end()
 
 
+def test_frames_that_are_named_for_every_person_do_not_pile_up(quick_path, scans, monkeypatch):
+    monkeypatch.setattr("tempog.live.placing.MOST_MOVING", 10)
+    bench = Bench(quick_path / "map", replace(NO_OBJECTS, scan_topics=("/scan",)))
+    codec = Codec("ros2")
+    for k, scan in enumerate(scans):
+        person = [StampedTransform(scan.stamp_ns, "map", f"person_{k}", (1.0, 1.0, 0.0))]
+        bench.robot.publishers["/tf"].publish(codec.encode(tf_message(codec, person)))
+        bench.drive([scan])
+    bench.end()
+    assert bench.live.counts.mapped == 60
+    links = bench.live._placing.buffer.links()
+    assert len(links) <= 11
+    assert ("map", "person_59") in links
+
+
 def test_unknown_frames_are_named_as_flags(quick_path, scans):
     frames = Frames(fixed="world", odom="")
     bench = Bench(quick_path / "map", replace(NO_OBJECTS, scan_topics=("/scan",)), frames=frames)

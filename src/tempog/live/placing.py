@@ -20,6 +20,7 @@ KEEP_S = 30.0  # of transforms; sweeps wait for a fraction of a second
 FIXED_FRAMES = ("map", "odom")  # where nobody says which: the first that the laser is connected with
 CHOOSE_S = 5.0  # s; a localisation that has just started connects map and odom by then
 MOST_WAITING = 1000  # sweeps; a bound for who sets `wait_s` to minutes
+MOST_MOVING = 2000  # frames; some nodes name a new one for every person they see
 
 
 class Waiting(NamedTuple):
@@ -77,11 +78,19 @@ class Placing:
             if not static:
                 if one.stamp_ns < newest_ns - KEEP_S * NS_PER_S:
                     continue
-                self._newest_ns[names] = max(newest_ns, one.stamp_ns)
+                self._newest_ns.pop(names, None)
+                self._newest_ns[names] = max(newest_ns, one.stamp_ns)  # behind all others: last heard of
+                if len(self._newest_ns) > MOST_MOVING:
+                    self._forget(next(iter(self._newest_ns)))
             try:
                 self.buffer.add(one, static=static)
             except TransformError as error:
                 self.why = str(error)
+
+    def _forget(self, names: tuple[str, str]) -> None:
+        del self._newest_ns[names]
+        if not self.buffer.is_static(*names):
+            self.buffer.forget(*names)
 
     def add_sweep(self, sweep: Sweep, topic: str, now_s: float) -> None:
         """Let a sweep wait."""

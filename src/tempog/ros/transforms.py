@@ -94,6 +94,10 @@ class TransformBuffer:
             track = self._tracks[parent, child] = _Track()
         track.add(stamp_ns, (*translation, *(part / norm for part in quaternion)), static, self._keep_ns)
 
+    def forget(self, parent: str, child: str) -> None:
+        """Forget all that was said of a frame in its parent."""
+        self._tracks.pop((parent, child), None)
+
     def frames(self) -> dict[str, str]:
         """The parent of each frame that has one; of several, the one with the most transforms."""
         parents = sorted(self._tracks, key=lambda names: len(self._tracks[names]))

@@ -148,6 +148,25 @@ def test_a_robot_without_a_map_frame_is_mapped_in_odom_after_a_while(quick_path,
     bench.end()
 
 
+def test_a_map_is_not_gone_on_with_in_odom_unless_asked_to(quick_path, scans):
+    """odom begins anew with every start of the robot: other walls in the same places."""
+    with LiveMap(quick_path / "map", CONFIG) as before:
+        before.integrate_many(scans[:20])
+    frames = Frames(fixed="odom", odom="")
+    settings = replace(NO_OBJECTS, scan_topics=("/scan",))
+    bench = Bench(quick_path / "map", settings, config=None, frames=frames)
+    for scan in scans[20:]:
+        bench.clock.now_s += 0.3
+        bench.drive([scan])
+    bench.end()
+    assert bench.live.counts.mapped == 0
+    assert any("laser is not connected with map" in note and "--fixed-frame odom" in note for note in bench.notes)
+    bench = Bench(quick_path / "map", replace(settings, fixed_frame="odom"), config=None, frames=frames)
+    bench.drive(scans[20:])
+    bench.end()
+    assert bench.live.counts.mapped == 40
+
+
 def test_frames_that_are_named_for_every_person_do_not_pile_up(quick_path, scans, monkeypatch):
     monkeypatch.setattr("tempog.live.placing.MOST_MOVING", 10)
     bench = Bench(quick_path / "map", replace(NO_OBJECTS, scan_topics=("/scan",)))

@@ -63,7 +63,7 @@ def live(
     ] = None,
     tf_topic: Annotated[str, typer.Option(metavar="TOPIC", help="The static ones: the same with _static.")] = "/tf",
     fixed_frame: Annotated[
-        str, typer.Option(metavar="FRAME", help="To map in. Default: map, or odom where there is none.")
+        str, typer.Option(metavar="FRAME", help="To map in. Default: map, or odom for a new map where there is none.")
     ] = "",
     robot: Annotated[str, typer.Option(metavar="NAME", help="Kept with the session.")] = "",
     session: Annotated[str, typer.Option(metavar="ID", help="A name for the session. Default: from the date.")] = "",

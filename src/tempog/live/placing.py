@@ -42,9 +42,11 @@ class Placing:
     Parameters
     ----------
     fixed_frame : str
-        To map in; empty for the first of map and odom that turns out to be there.
+        To map in; empty for the first of `frames` that turns out to be there.
     wait_s : float, seconds
     buffer : TransformBuffer, optional
+    frames : tuple of str
+        Other than the first are taken only after `CHOOSE_S`.
 
     Attributes
     ----------
@@ -56,8 +58,15 @@ class Placing:
         Why the last of them could not.
     """
 
-    def __init__(self, fixed_frame: str = "", wait_s: float = 0.2, buffer: TransformBuffer | None = None) -> None:
+    def __init__(
+        self,
+        fixed_frame: str = "",
+        wait_s: float = 0.2,
+        buffer: TransformBuffer | None = None,
+        frames: tuple[str, ...] = FIXED_FRAMES,
+    ) -> None:
         self.fixed_frame = fixed_frame
+        self._frames = frames
         self.buffer = TransformBuffer(keep_s=KEEP_S) if buffer is None else buffer
         self.n_dropped = 0
         self.why = ""
@@ -142,7 +151,7 @@ class Placing:
         if self.fixed_frame:
             return self.fixed_frame
         patient = now_s - self._first_s < CHOOSE_S
-        for name in FIXED_FRAMES[:1] if patient else FIXED_FRAMES:
+        for name in self._frames[:1] if patient else self._frames:
             try:
                 self.buffer.chain(name, frame)
             except TransformError:
@@ -163,7 +172,7 @@ class Placing:
         if not known:
             return f"no transforms have come yet, so that {sweep.frame} has no place"
         return (
-            f"{sweep.frame} is connected with neither map nor odom; there are {', '.join(known)}."
+            f"{sweep.frame} is not connected with {' or '.join(self._frames)}; there are {', '.join(known)}."
             f" Choose: {' or '.join(f'--fixed-frame {name}' for name in _roots(self.buffer.frames()))}"
         )
 

@@ -16,7 +16,7 @@ from tempog.live import outgoing
 from tempog.live.accounts import Counts, Notes
 from tempog.live.analyst import Analyst, Answer, Question, without_history
 from tempog.live.inbox import Inbox, Letter
-from tempog.live.placing import Placing
+from tempog.live.placing import FIXED_FRAMES, Placing
 from tempog.live.transport import Publisher, Transport
 from tempog.ros import messages as ros
 from tempog.scans.scan import Scan
@@ -46,7 +46,7 @@ class LiveSettings:
     tf_topic : str
         Of the transforms; the static ones come by the same name with ``_static`` behind it.
     fixed_frame : str
-        To map in; empty for map, or else odom.
+        To map in; empty for map, or else odom if nothing is mapped yet.
     wait_s : float, seconds
         How long a scan waits for its transforms.
     most_scans : int
@@ -121,7 +121,9 @@ class LiveRobot:
         self._transport, self._note, self._clock = transport, note, clock
         self._codec = ros.Codec(transport.version)
         self._inbox = Inbox(self.settings.most_scans)
-        self._placing = Placing(self.settings.fixed_frame, self.settings.wait_s)
+        # odom begins anew with every start of a robot: what is mapped already would not fit it.
+        frames = FIXED_FRAMES[:1] if live.n_scans else FIXED_FRAMES
+        self._placing = Placing(self.settings.fixed_frame, self.settings.wait_s, frames=frames)
         self._analyst = Analyst(live.path)
         self._notes = Notes(note, clock)
         self._has_history = live.n_scans > 0

@@ -182,6 +182,34 @@ def test_frames_that_are_named_for_every_person_do_not_pile_up(quick_path, scans
     assert ("map", "person_59") in links
 
 
+def test_one_transform_from_the_future_does_not_lose_the_robot(quick_path, scans):
+    bench = Bench(quick_path / "map", replace(NO_OBJECTS, scan_topics=("/scan",)))
+    codec = Codec("ros2")
+    bench.drive(scans[:10])
+    ahead = StampedTransform(2**60, "odom", "base_link", (0.0, 0.0, 0.0))
+    bench.robot.publishers["/tf"].publish(codec.encode(tf_message(codec, [ahead])))
+    for scan in scans[10:]:
+        bench.clock.now_s += 0.3
+        bench.drive([scan])
+    bench.end()
+    assert bench.live.counts.unplaced > 0
+    assert bench.live.counts.mapped >= 50
+
+
+def test_scans_without_a_frame_are_called_so(quick_path, scans):
+    bench = Bench(quick_path / "map", replace(NO_OBJECTS, scan_topics=("/scan",)))
+    bench.robot.mount = replace(bench.robot.mount, frame="")
+    bench.drive(scans[:1])
+    bench.clock.now_s += 1.0
+    bench.steps()
+    bench.end()
+    assert bench.live.counts.unplaced == 1
+    assert bench.notes == [
+        "scans without a place: LaserScans come without a frame: their header.frame_id is empty; the laser's driver"
+        " sets it"
+    ]
+
+
 def test_unknown_frames_are_named_as_flags(quick_path, scans):
     frames = Frames(fixed="world", odom="")
     bench = Bench(quick_path / "map", replace(NO_OBJECTS, scan_topics=("/scan",)), frames=frames)

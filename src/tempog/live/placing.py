@@ -20,6 +20,7 @@ KEEP_S = 30.0  # of transforms; sweeps wait for a fraction of a second
 FIXED_FRAMES = ("map", "odom")  # where nobody says which: the first that the laser is connected with
 CHOOSE_S = 5.0  # s; a localisation that has just started connects map and odom by then
 MOST_WAITING = 1000  # sweeps; a bound for who sets `wait_s` to minutes
+MOST_OLD = 20  # transforms of a frame that come from before; then they are what counts
 MOST_MOVING = 2000  # frames; some nodes name a new one for every person they see
 
 
@@ -75,18 +76,27 @@ class Placing:
         self._n = 0
         self._first_s = math.nan
         self._newest_ns: dict[tuple[str, str], int] = {}
+        self._n_old: dict[tuple[str, str], int] = {}  # that came one after the other
 
     def __len__(self) -> int:
         return len(self._waiting)
 
     def add_transforms(self, transforms: Iterable[StampedTransform], *, static: bool) -> None:
-        """Take transforms in; those from long before the latest are of a time that is over, and are not kept."""
+        """Take transforms in; those from long before the latest are of a time that is over, and are not kept.
+
+        Unless no others come: then the latest was wrong, or a clock was put back, and that frame begins anew.
+        """
         for one in transforms:
             names = one.parent, one.child
             newest_ns = self._newest_ns.get(names, one.stamp_ns)
             if not static:
                 if one.stamp_ns < newest_ns - KEEP_S * NS_PER_S:
-                    continue
+                    self._n_old[names] = self._n_old.get(names, 0) + 1
+                    if self._n_old[names] < MOST_OLD:
+                        continue
+                    self._forget(names)
+                    newest_ns = one.stamp_ns
+                self._n_old.pop(names, None)
                 self._newest_ns.pop(names, None)
                 self._newest_ns[names] = max(newest_ns, one.stamp_ns)  # behind all others: last heard of
                 if len(self._newest_ns) > MOST_MOVING:
@@ -98,6 +108,7 @@ class Placing:
 
     def _forget(self, names: tuple[str, str]) -> None:
         del self._newest_ns[names]
+        self._n_old.pop(names, None)
         if not self.buffer.is_static(*names):
             self.buffer.forget(*names)
 
@@ -135,6 +146,9 @@ class Placing:
 
     def _placed(self, sweep: Sweep, now_s: float) -> Scan | None:
         fixed = self._fixed(sweep.frame, now_s)
+        if not sweep.frame:
+            self._drop("LaserScans come without a frame: their header.frame_id is empty; the laser's driver sets it")
+            return None
         if not fixed:
             self._drop(self._no_frame(sweep))
             return None

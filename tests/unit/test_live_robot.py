@@ -196,6 +196,26 @@ def test_one_transform_from_the_future_does_not_lose_the_robot(quick_path, scans
     assert bench.live.counts.mapped >= 50
 
 
+def test_scans_that_wait_ask_once_together(quick_path, scans, monkeypatch):
+    bench = Bench(quick_path / "map", replace(NO_OBJECTS, scan_topics=("/scan",), wait_s=60.0, most_scans=100))
+    bench.drive(scans[:1])
+    for scan in scans[1:]:
+        bench.robot.say(scan, only="/scan")
+    bench.steps()
+    asked = []
+    span_ns = bench.live._placing.buffer.span_ns
+    with monkeypatch.context() as counted:
+        counted.setattr(bench.live._placing.buffer, "span_ns", lambda *names: asked.append(names) or span_ns(*names))
+        bench.live.step(0.0)
+    assert len(asked) == 1
+    assert len(bench.live._placing) == 59
+    bench.robot.before = scans[0]
+    bench.robot.say(scans[-1], only="/tf")
+    bench.steps()
+    bench.end()
+    assert bench.live.counts.mapped == 60
+
+
 def test_scans_without_a_frame_are_called_so(quick_path, scans):
     bench = Bench(quick_path / "map", replace(NO_OBJECTS, scan_topics=("/scan",)))
     bench.robot.mount = replace(bench.robot.mount, frame="")

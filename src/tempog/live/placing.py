@@ -126,23 +126,27 @@ class Placing:
         """Topics and scans that can be placed by now, in the order of their stamps."""
         left: list[Waiting] = []
         waiting, self._waiting = self._waiting, left
+        until_ns: dict[str, float] = {}
         for one in waiting:
             overdue = now_s - one.since_s >= self._wait_s
-            if not overdue and not self._known(one.sweep, now_s):
+            frame = one.sweep.frame
+            if not overdue and frame not in until_ns:
+                until_ns[frame] = self._known_until_ns(frame, now_s)
+            if not overdue and one.sweep.stop_ns > until_ns[frame]:
                 left.append(one)
             elif (scan := self._placed(one.sweep, now_s)) is not None:
                 yield one.topic, scan
 
-    def _known(self, sweep: Sweep, now_s: float) -> bool:
-        """Whether the laser's pose is known for all of a sweep, so that waiting brings no more."""
-        fixed = self._fixed(sweep.frame, now_s)
+    def _known_until_ns(self, frame: str, now_s: float) -> float:
+        """To when a laser's pose is known: waiting brings no more to sweeps that ended by then."""
+        fixed = self._fixed(frame, now_s)
         if not fixed:
-            return False
+            return -math.inf
         try:
-            span_ns = self.buffer.span_ns(fixed, sweep.frame)
+            span_ns = self.buffer.span_ns(fixed, frame)
         except TransformError:
-            return False
-        return span_ns is None or sweep.stop_ns <= span_ns[1]
+            return -math.inf
+        return math.inf if span_ns is None else span_ns[1]
 
     def _placed(self, sweep: Sweep, now_s: float) -> Scan | None:
         fixed = self._fixed(sweep.frame, now_s)

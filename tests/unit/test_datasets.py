@@ -97,8 +97,9 @@ def test_a_copy_goes_where_it_is_wanted(log, tmp_path) -> None:
     with pytest.raises(DatasetError, match="is another file"):
         fetch("log", to=tmp_path)
     assert path.read_bytes() == b"mine"
-    with pytest.raises(ConfigError, match="no folder"):
-        fetch("log", to=tmp_path / "absent")
+    with pytest.raises(ConfigError, match="is a file; name a folder"):
+        fetch("log", to=path)
+    assert fetch("log", to=tmp_path / "new" / "folder").is_file()
 
 
 def test_another_file_in_its_place_is_not_kept(log, monkeypatch, tmp_path) -> None:

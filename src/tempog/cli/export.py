@@ -28,6 +28,13 @@ if TYPE_CHECKING:
     from tempog.export.site_map import SiteMap
     from tempog.grid.history import History
 
+SUFFIXES = {
+    "--geojson": (".geojson", ".json"),
+    "--npz": (".npz",),
+    "--xarray": (".nc",),
+    "--mcap": (".mcap",),
+}
+
 
 def export(
     map_path: MapArgument,
@@ -97,8 +104,10 @@ def export(
             raise ConfigError(f"{name} is for --nav2 DIR, which is not asked for")
     if every is not None and mcap is None:
         raise ConfigError("--every is for --mcap FILE, which is not asked for")
-    for path in files.values():
+    for name, path in files.items():
         if path is not None:
+            if path.suffix.lower() not in SUFFIXES[name]:
+                raise ConfigError(f"{name} {path}: wanted a name that ends in {' or '.join(SUFFIXES[name])}")
             check_new_file(path, force)
     _check_extras(xarray is not None, mcap is not None)
     from tempog.analysis.find_objects import find_objects
@@ -133,7 +142,7 @@ def export(
     n_doors = sum(thing.hinge is not None for thing in site.things)
     others = counted(len(site.things) - n_doors, "other object", "other objects")
     floor_m2 = int((site.planning == 0).sum()) * site.extent.resolution_m**2
-    typer.echo(f"{floor_m2:.1f} m² of floor, {counted(n_doors, 'door', 'doors')}, {others}; {method}")
+    typer.echo(f"{floor_m2:.1f} m² of floor, {counted(n_doors, 'door', 'doors')}, {others}, by method {method}")
     for text in written:
         typer.echo(f"Written: {text}")
     if not quiet:

@@ -141,7 +141,12 @@ def live(
         for repaired in map_on_disk.repaired:
             print_note(repaired)
         with status("getting ready", wants_progress(quiet or json)):
-            warm_up(map_on_disk.config, Codec("ros1" if ros1 else "ros2"))
+            try:
+                warm_up(map_on_disk.config, Codec("ros1" if ros1 else "ros2"))
+            except Exception:
+                if stop.asked > 1:  # what was interrupted is a compiler, with errors of its own
+                    raise KeyboardInterrupt from None
+                raise
         gc.collect()
         gc.freeze()  # what is here by now stays; looking through it again and again would delay scans
         try:

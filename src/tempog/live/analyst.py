@@ -144,6 +144,8 @@ class Analyst:
             cast(IO[bytes], child.stdin).flush()
             answer = pickle.load(cast(IO[bytes], child.stdout))
         except Exception as error:  # it was killed, say, in the middle of its answer
+            child.kill()
+            child.wait()  # so that the next question finds it gone
             answer = Answer(question, failure=f"the process that looks for objects has ended: {error}")
         self._answers.put(answer)
 

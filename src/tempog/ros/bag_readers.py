@@ -152,12 +152,14 @@ def read_mcap(path: Path, wants: Wanted, reading: Reading) -> Messages:
                 if at == size:
                     reading.unfinished = "it has no end, as after a crash of its recorder"
                     return
-                reading.lose(f"it ends in the middle of the record at byte {at}: {_said(error)}", size - at)
-                yield from take(_of_cut_chunk(file, at))
+                found = list(_of_cut_chunk(file, at))
+                why = "" if isinstance(error, need("mcap.exceptions", "bags").EndOfFile) else f": {_said(error)}"
+                reading.lose(f"it ends in the middle of the record at byte {at}{why}", 0 if found else size - at)
+                yield from take(found)
                 return
             if isinstance(record, records.DataEnd):  # behind it is only what was there before
                 return
-            found: Iterable[Any] = [record]
+            found = [record]
             if isinstance(record, records.Chunk):
                 try:
                     if record.uncompressed_size > MOST_UNPACKED_BYTES:

@@ -132,17 +132,21 @@ def fetch(name: str, *, to: str | Path | None = None, progress: ProgressBar | No
     DatasetError
         The source cannot be reached, or what it sent is not the file whose SHA-256 is known, or there is no place.
     ConfigError
-        An unknown name, or `to` is no folder.
+        An unknown name, or `to` is a file.
     ExtraError
         pooch is not installed: ``pip install 'tempog[datasets]'``.
     """
     wanted = dataset(name)
-    if to is not None and not Path(to).is_dir():
-        raise ConfigError(f"{to} is no folder; make it first, or choose another")
+    if to is not None and Path(to).exists() and not Path(to).is_dir():
+        raise ConfigError(f"{to} is a file; name a folder")
     folder = cache_folder()
     cached = _fetched(wanted, folder, progress)
     if to is None:
         return cached
+    try:
+        Path(to).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DatasetError(f"{to} cannot be made: {error.strerror or error}") from error
     target = Path(to) / wanted.file_name
     if target.exists() and _sha256(target) != wanted.sha256:
         raise DatasetError(f"{target} exists already and is another file; move it away, or choose another folder")

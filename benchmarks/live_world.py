@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tempog.ros.bag_writers import OutMessage
 from tempog.ros.messages import Codec, StampedTransform, tf_message
-from tempog.scans.bag_writer import Mount, OutMessage, messages_of
+from tempog.scans.bag_writer import Mount, messages_of
 from tempog.scans.scan import Scan
 from tempog.simulation import World, simulate
 from tempog.simulation.world_file import world_from_tables

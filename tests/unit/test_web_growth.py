@@ -20,12 +20,13 @@ from tempog.errors import MapError
 from tempog.grid.history import OCCUPIED_ABOVE
 from tempog.simulation import corridor, simulate
 from tempog.times import NS_PER_S
-from tempog.views.web import app
+from tempog.views.web import app, finding
+from tempog.views.web import model as models
 from tempog.views.web.blocks import SIDE, Where
 from tempog.views.web.layers import palette
 from tempog.views.web.model import Model
 from tempog.views.web.serve import serve_in_thread
-from tempog.views.web.sources import LiveSource, SavedSource
+from tempog.views.web.sources import HistorySource, LiveSource, SavedSource
 from waiting import wait_for
 
 
@@ -188,6 +189,35 @@ def test_what_goes_wrong_while_objects_are_found_is_said(tmp_path, scans):
     model.findings()
     wait_for(lambda: model.finder.state == "failed")
     assert str(path) in model.finder.error
+
+
+def test_objects_are_looked_for_again_once_a_map_without_scans_has_some(tmp_path, scans, monkeypatch):
+    monkeypatch.setattr(models, "LEAST_AGAIN_S", 0.0)
+    monkeypatch.setattr(models, "SHARE_OF_TIME", math.inf)
+    with LiveMap(tmp_path / "site.tempog", flush_s=10.0) as live:
+        source = LiveSource(live)
+        model = Model(source)
+        assert model.findings() is None
+        wait_for(lambda: model.finder.state == "failed")
+        assert model.findings() is None
+        assert model.finder.state == "failed"  # nothing is new
+        for scan in scans:
+            source.integrate(scan)
+        live.flush()
+        assert model.look()
+        model.findings()
+        wait_for(lambda: model.finder.state in ("ready", "failed"))
+        assert model.finder.state == "ready", model.finder.error
+        assert model.findings().found.objects
+
+
+def test_an_error_that_nobody_foresaw_ends_the_search_and_not_the_waiting(tmp_path, scans, monkeypatch):
+    grid = build_grid(scans[:50])
+    model = Model(HistorySource(grid))
+    monkeypatch.setattr(finding, "find_objects", lambda *given: [][0])
+    model.findings()
+    wait_for(lambda: model.finder.state == "failed")
+    assert model.finder.error
 
 
 def test_finding_objects_stops_with_the_viewer(tmp_path, scans, monkeypatch):

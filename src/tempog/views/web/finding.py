@@ -75,6 +75,8 @@ class Finder:
         The latest; they stay while it works on newer ones.
     error : str
         What went wrong, if something did.
+    tried : str
+        The version of the map that it worked on last, or works on.
     took_s : float, seconds
         How long the latest took.
     """
@@ -83,7 +85,7 @@ class Finder:
         self.source, self.method = source, method
         self.state: Literal["idle", "working", "ready", "failed"] = "idle"
         self.findings: Findings | None = None
-        self.error = ""
+        self.error = self.tried = ""
         self.took_s = 0.0
         self.began_s = self.ended_s = time.monotonic()
         self._changing = threading.Lock()
@@ -95,7 +97,7 @@ class Finder:
         with self._changing:
             if self.state == "working" or self._closed:
                 return
-            self.state, self.began_s = "working", time.monotonic()
+            self.state, self.began_s, self.tried = "working", time.monotonic(), self.source.version
         threading.Thread(target=self._work, name="tempog finds objects", daemon=True).start()
 
     def close(self) -> None:
@@ -108,7 +110,7 @@ class Finder:
     def _work(self) -> None:
         try:
             findings = self._found()
-        except (TempogError, OSError, MemoryError, pickle.UnpicklingError, EOFError) as error:
+        except Exception as error:  # whatever it is, who waits is told, and the next version is tried
             self.error = str(error) or type(error).__name__
             state: Literal["ready", "failed"] = "failed"
         else:
@@ -119,7 +121,7 @@ class Finder:
         self.state = state
 
     def _found(self) -> Findings:
-        source, version = self.source, self.source.version
+        source, version = self.source, self.tried
         known = source.found()
         if known is not None:
             history = source.apart()

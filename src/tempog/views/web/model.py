@@ -298,7 +298,7 @@ class Model:
         finder = self.finder
         findings = finder.findings
         patience_s = max(LEAST_AGAIN_S, finder.took_s / SHARE_OF_TIME)
-        is_old = findings is not None and findings.version != self.version.name
+        is_old = finder.state in ("ready", "failed") and finder.tried != self.version.name
         if finder.state == "idle" or (is_old and time.monotonic() - finder.ended_s > patience_s):
             finder.start()
         return findings

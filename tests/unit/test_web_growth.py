@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 
 import httpx
 import numpy as np
@@ -16,9 +17,11 @@ import pytest
 
 from png_pixels import pixels_of
 from tempog import LiveMap, ObjectTracker, build_grid, find_objects, open_map, save_map
+from tempog.config import GridConfig, MapConfig, SensingConfig
 from tempog.errors import MapError
 from tempog.grid.history import OCCUPIED_ABOVE
 from tempog.simulation import corridor, simulate
+from tempog.store.saved_map import SavedMap
 from tempog.times import NS_PER_S
 from tempog.views.web import app, finding
 from tempog.views.web import model as models
@@ -26,7 +29,7 @@ from tempog.views.web.blocks import SIDE, Where
 from tempog.views.web.layers import palette
 from tempog.views.web.model import Model
 from tempog.views.web.serve import serve_in_thread
-from tempog.views.web.sources import HistorySource, LiveSource, SavedSource
+from tempog.views.web.sources import Choice, HistorySource, LiveSource, SavedSource
 from waiting import wait_for
 
 
@@ -122,6 +125,82 @@ def test_a_map_whose_scans_are_numbered_anew_is_read_anew(tmp_path, scans):
     assert model.look()
     assert_shows(model, open_map(path), 10.0)
     assert not model.look()
+
+
+def test_a_map_made_anew_of_the_same_scans_with_other_settings_is_read_anew(tmp_path, scans):
+    path = tmp_path / "site.tempog"
+    save_map(build_grid(scans[:300]), path)
+    model = Model(SavedSource(path))
+    assert_shows(model, open_map(path), 20.0)
+    for config, n in ((MapConfig(SensingConfig(max_range_m=3.0)), 300), (MapConfig(grid=GridConfig(0.1)), 400)):
+        save_map(build_grid(scans[:n], config), path, force=True)
+        assert model.look()
+        assert_shows(model, open_map(path), 20.0)
+
+
+def test_a_map_that_changes_while_it_is_opened_is_opened_again(tmp_path, scans, monkeypatch):
+    path = tmp_path / "site.tempog"
+    save_map(build_grid(scans[:100]), path)
+    source = SavedSource(path)
+    save_map(build_grid(scans[:200]), path, force=True)
+
+    def slowly(choice: Choice) -> SavedMap:
+        monkeypatch.undo()
+        opened = choice.open()
+        save_map(build_grid(scans[:300]), path, force=True)
+        return opened
+
+    monkeypatch.setattr(Choice, "open", slowly)
+    source.look()
+    assert source.look()
+    assert source.history().n_scans == 300
+
+
+def test_no_request_waits_while_the_map_is_opened(tmp_path, scans, monkeypatch):
+    path = tmp_path / "site.tempog"
+    save_map(build_grid(scans[:100]), path)
+    model = Model(SavedSource(path))
+    ready = model.prepared().result(60)
+    model.version = replace(model.version, name="another")
+    opening, go_on = threading.Event(), threading.Event()
+
+    def slowly() -> SavedMap:
+        opening.set()
+        go_on.wait(60)
+        return open_map(path)
+
+    monkeypatch.setattr(model.source, "apart", slowly)
+    reader = threading.Thread(target=model.whole)
+    reader.start()
+    try:
+        assert opening.wait(60)
+        asker = threading.Thread(target=lambda: answers.append(model.prepared().result()), daemon=True)
+        answers: list[object] = []
+        asker.start()
+        asker.join(10)
+        assert answers == [ready]
+    finally:
+        go_on.set()
+        reader.join()
+
+
+def test_errors_that_nobody_foresaw_do_not_end_the_watching(tmp_path, scans, monkeypatch):
+    path = tmp_path / "site.tempog"
+    save_map(build_grid(scans[:100]), path)
+    with serve_in_thread(SavedSource(path), port=0) as viewer:
+        model, look = viewer.model, viewer.model.look
+        failed = []
+
+        def once() -> bool:
+            if not failed:
+                failed.append(True)
+                raise ValueError("unforeseen")
+            return look()
+
+        monkeypatch.setattr(model, "look", once)
+        wait_for(lambda: failed)
+        save_map(build_grid(scans[:200]), path, force=True)
+        wait_for(lambda: len(model.version.stamps_ns) == 200)
 
 
 def test_a_map_that_goes_away_is_shown_on_and_comes_back(tmp_path, scans):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import math
 import mimetypes
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -41,6 +42,7 @@ LOOK_EVERY_S = 1.0
 HEARTBEAT_S = 10.0
 WAIT_S = 60.0  # for what is worked out for the whole map
 FOREVER = "public, max-age=31536000, immutable"
+_log = logging.getLogger(__name__)
 GONE = 499  # nobody reads the answer: the client went away
 
 
@@ -125,13 +127,19 @@ class Site:
             self.model.close()
 
     async def _watch(self) -> None:
+        said = ""
         while True:
             await asyncio.sleep(LOOK_EVERY_S)
             try:
-                await asyncio.to_thread(self.model.look)
-                self.model.tidy()
-            except (TempogError, OSError):
-                continue  # what was read last is shown on
+                await asyncio.to_thread(self._look)
+            except Exception as error:  # what was read last is shown on
+                if str(error) != said:
+                    said = str(error)
+                    _log.warning("the map could not be read again: %s", error)
+
+    def _look(self) -> None:
+        self.model.look()
+        self.model.tidy()
 
     # The page.
 
@@ -175,13 +183,14 @@ class Site:
                 await asyncio.shield(asyncio.wrap_future(model.prepared()))
         version = model.version.name
         asked = model.asked(layer, Where(z, row, col), theme, t, hold_s)
+        # Asked before it is drawn: what is worked out meanwhile may come too late for this picture.
+        lasting = given.text("v") == version and (t is not None or period) and model.is_settled(layer)
         picture = model.recalled(asked) if n_cols * n_rows == 1 else None
         if picture is None:
             work = partial(model.rendered, asked)
             if n_cols * n_rows > 1:
                 work = partial(model.spanned, asked, n_cols, n_rows)
             picture = await self._rendering.answer(request, work)
-        lasting = given.text("v") == version and (t is not None or period) and model.is_settled(layer)
         headers = {"cache-control": FOREVER if lasting else "no-store"}
         return Response(picture, media_type="image/png", headers=headers)
 

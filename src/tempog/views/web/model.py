@@ -150,7 +150,8 @@ class Model:
         self.pictures = Pictures(picture_bytes)
         self._block_bytes = block_bytes
         self.asking = threading.Lock()
-        self._changing = threading.Lock()
+        self._changing = threading.Lock()  # never held while something is read: requests wait for it
+        self._opening = threading.Lock()
         self._prepared: Future[Prepared] | None = None
         self._ready: Prepared | None = None
         self._prepared_s, self._preparing_took_s = -math.inf, 0.0
@@ -159,7 +160,7 @@ class Model:
         self._opened: History | None = None
         self._opened_name, self._opened_s = "", time.monotonic()
         with source.lock:
-            self.version = self._version_now()
+            self.version, self._config = self._version_now(), source.history().config
             tiles = TilesOfBlocks(source.history().tiles)
         self.blocks = Blocks(tiles, self._read, block_bytes)
 
@@ -172,19 +173,20 @@ class Model:
         with self.source.lock:
             history = self.source.history()
             before, now = self.version, self._version_now()
+            same, self._config = history.config == self._config, history.config
             tiles = TilesOfBlocks(history.tiles)
             latest = list(history.latest_runs(history.last_scan)) if history.n_scans else []
         n = len(before.stamps_ns)
-        if np.array_equal(now.stamps_ns[:n], before.stamps_ns):
+        if same and len(now.stamps_ns) > n and np.array_equal(now.stamps_ns[:n], before.stamps_ns):
             self.blocks.follow(tiles, latest)
-        else:  # its scans are numbered anew
+        else:  # its scans are numbered anew, or the map was made anew of the same scans
             self.blocks = Blocks(tiles, self._read, self._block_bytes)
         self.version = now
         return True
 
     def tidy(self) -> None:
         """Let go of what was opened for a long question, if that was a while ago."""
-        with self._changing:
+        with self._opening:
             if time.monotonic() - self._opened_s > OPEN_S:
                 self._opened = None
 
@@ -196,7 +198,7 @@ class Model:
         return self._whole(self.version.name)
 
     def _whole(self, name: str) -> History:
-        with self._changing:
+        with self._opening:
             if self._opened is None or self._opened_name != name:
                 self._opened, self._opened_name = self.source.apart(), name
             self._opened_s = time.monotonic()

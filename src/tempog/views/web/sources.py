@@ -157,9 +157,12 @@ class SavedSource:
         return seen.st_mtime_ns, seen.st_size, seen.st_ino
 
     def _opened(self) -> tuple[SavedMap, str]:
+        try:  # before it is opened: what changes meanwhile is seen by the next look
+            seen, content = self._stat(), (self._choice.path / MANIFEST).read_bytes()
+        except OSError:  # opening it says what is wrong
+            seen, content = None, b""
         saved = self._choice.open()
-        self._seen = self._stat()
-        content = (self._choice.path / MANIFEST).read_bytes()
+        self._seen = seen
         chosen = repr((self._choice.sessions, self._choice.robots, __version__)).encode()
         return saved, hashlib.sha256(content + chosen).hexdigest()[:16]
 

@@ -14,12 +14,13 @@ from tempog.grid.history import OCCUPIED_ABOVE
 from tempog.grid.segments import Runs
 from tempog.sensing.tiles import TILE, TILE_BITS, TILE_CELLS, TileIndex
 from tempog.views.web.kernels import (
+    NEVER,
+    NOTHING,
     count_intervals,
     last_looks_while_occupied,
     newest_looks,
-    pool_last_looks,
+    pool_largest,
     pool_looks,
-    pool_states,
     take_intervals,
 )
 
@@ -300,7 +301,7 @@ class Blocks:
         return _cells_of(rows, cols, *self._read(rows, cols))
 
     def _pool_states(self, where: Where) -> States:
-        return States(*_pooled(pool_states, [self.states(quarter) for quarter in where.quarters]))
+        return States(*_pooled(pool_largest, [self.states(quarter) for quarter in where.quarters], NOTHING))
 
     def _pool_looks(self, where: Where) -> Looks:
         return Looks(*_pooled(pool_looks, [self.looks(quarter) for quarter in where.quarters]))
@@ -313,7 +314,7 @@ class Blocks:
         return Looks(offsets, since[:n].copy(), last[:n].copy())
 
     def _pool_last_looks(self, where: Where) -> Looks:
-        return Looks(*_pooled(pool_last_looks, [self.occupied(quarter) for quarter in where.quarters]))
+        return Looks(*_pooled(pool_largest, [self.occupied(quarter) for quarter in where.quarters], NEVER))
 
 
 def _at_all_zooms(blocks: Iterable[Where]) -> set[Where]:
@@ -345,14 +346,14 @@ def _cells_of(
     return Cells(offsets, first, last, state)
 
 
-def _pooled(pool: Callable[..., int], quarters: Sequence[States | Looks]) -> tuple[NDArray[Any], ...]:
-    """The lists of a block that a kernel makes of those of its quarters."""
+def _pooled(pool: Callable[..., int], quarters: Sequence[States | Looks], *more: int) -> tuple[NDArray[Any], ...]:
+    """The lists of a block that a kernel, which may take more than them, makes of those of its quarters."""
     lengths: list[NDArray[np.int32]] = []
     columns: list[tuple[NDArray[Any], NDArray[Any]]] = []
     for quarter in quarters:
         offsets = np.zeros(PIXELS // 4 + 1, dtype=np.int32)
         scans, values = np.empty_like(quarter[1]), np.empty_like(quarter[2])
-        n = pool(*quarter, offsets, scans, values)
+        n = pool(*quarter, *more, offsets, scans, values)
         lengths.append(np.diff(offsets))
         columns.append((scans[:n], values[:n]))
     offsets = np.append(0, np.cumsum(np.concatenate(lengths))).astype(np.int32)

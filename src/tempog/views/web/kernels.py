@@ -8,6 +8,8 @@ its four quarters one after the other. Lists of intervals belong to pixels as in
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -86,26 +88,28 @@ def take_intervals(
 
 
 @kernel
-def pool_states(
+def pool_largest(
     offsets: NDArray[np.int32],
     since: NDArray[np.int32],
-    state: NDArray[np.uint8],
+    value: NDArray[Any],
+    least: int,
     out_offsets: NDArray[np.int32],
     out_since: NDArray[np.int32],
-    out_state: NDArray[np.uint8],
+    out_value: NDArray[Any],
 ) -> int:
-    """Of each four pixels' last known states the largest, as a list of changes; returns how many there are.
+    """Of each four pixels' values the largest, as a list of changes; returns how many there are.
 
-    out_offsets (n / 4 + 1,), out_since and out_state of room for all changes   [written]
+    least             the value of a pixel before its first change: NOTHING of states, NEVER of scans
+    out_offsets (n / 4 + 1,), out_since and out_value of room for all changes   [written]
     """
     n_out = 0
     at = np.empty(4, dtype=np.int64)
-    now = np.empty(4, dtype=np.uint8)
+    now = np.empty(4, dtype=value.dtype)
     out_offsets[0] = 0
     for i in range(out_offsets.shape[0] - 1):
         for q in range(4):
-            at[q], now[q] = offsets[4 * i + q], NOTHING
-        before = NOTHING
+            at[q], now[q] = offsets[4 * i + q], least
+        before = least
         while True:
             scan = 2**31 - 1
             for q in range(4):
@@ -113,14 +117,14 @@ def pool_states(
                     scan = since[at[q]]
             if scan == 2**31 - 1:
                 break
-            most = NOTHING
+            most = least
             for q in range(4):
                 while at[q] < offsets[4 * i + q + 1] and since[at[q]] == scan:
-                    now[q] = state[at[q]]
+                    now[q] = value[at[q]]
                     at[q] += 1
                 most = max(most, now[q])
             if most != before:
-                out_since[n_out], out_state[n_out] = scan, most
+                out_since[n_out], out_value[n_out] = scan, most
                 n_out += 1
                 before = most
         out_offsets[i + 1] = n_out
@@ -189,48 +193,6 @@ def last_looks_while_occupied(
                 out_since[n_out], out_last[n_out] = first[k], now
                 n_out += 1
                 before = now
-        out_offsets[i + 1] = n_out
-    return n_out
-
-
-@kernel
-def pool_last_looks(
-    offsets: NDArray[np.int32],
-    since: NDArray[np.int32],
-    last: NDArray[np.int32],
-    out_offsets: NDArray[np.int32],
-    out_since: NDArray[np.int32],
-    out_last: NDArray[np.int32],
-) -> int:
-    """Of each four pixels' `last_looks_while_occupied` the latest; returns how many there are.
-
-    out_offsets (n / 4 + 1,), out_since and out_last of room for all   [written]
-    """
-    n_out = 0
-    at = np.empty(4, dtype=np.int64)
-    now = np.empty(4, dtype=np.int32)
-    out_offsets[0] = 0
-    for i in range(out_offsets.shape[0] - 1):
-        for q in range(4):
-            at[q], now[q] = offsets[4 * i + q], NEVER
-        before = NEVER
-        while True:
-            scan = 2**31 - 1
-            for q in range(4):
-                if at[q] < offsets[4 * i + q + 1] and since[at[q]] < scan:
-                    scan = since[at[q]]
-            if scan == 2**31 - 1:
-                break
-            latest = NEVER
-            for q in range(4):
-                while at[q] < offsets[4 * i + q + 1] and since[at[q]] == scan:
-                    now[q] = last[at[q]]
-                    at[q] += 1
-                latest = max(latest, now[q])
-            if latest != before:
-                out_since[n_out], out_last[n_out] = scan, latest
-                n_out += 1
-                before = latest
         out_offsets[i + 1] = n_out
     return n_out
 

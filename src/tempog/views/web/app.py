@@ -304,6 +304,7 @@ def make_app(model: Model, zone: tzinfo = UTC) -> Starlette:
     site = Site(model, zone)
     app = Starlette(routes=site.routes(), lifespan=site.lifespan, exception_handlers={404: _unknown})
     app.router.redirect_slashes = False
+    app.state.site = site
     return app
 
 

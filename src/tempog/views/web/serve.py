@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import logging
 import socket
 import threading
 from collections.abc import Callable
@@ -15,9 +16,10 @@ from tempog._extras import need
 from tempog.errors import ConfigError, TempogError
 from tempog.methods import Method
 
-uvicorn = need("uvicorn", extra="view")
+need("uvicorn", extra="view")
 need("starlette", extra="view")
 
+from uvicorn import Config, Server  # noqa: E402
 from uvicorn.protocols.http.h11_impl import H11Protocol  # noqa: E402
 
 from tempog.views.web.app import make_app  # noqa: E402
@@ -26,9 +28,9 @@ from tempog.views.web.model import Model  # noqa: E402
 from tempog.views.web.sources import Source  # noqa: E402
 
 REQUEST_S = 10.0  # for a request's head to arrive
-KEPT_S = 15.0  # that a connection may be idle between two requests
+KEPT_S = 15  # that a connection may be idle between two requests
 ANSWER_S = 60.0  # for a client to take in what was written
-STOP_S = 2.0  # for answers to be finished once told to stop
+STOP_S = 2  # for answers to be finished once told to stop
 MOST_CONNECTIONS = 256
 MOST_HEAD_BYTES = 16 * 2**10
 TRIED_PORTS = 20  # that follow one that is in use
@@ -90,6 +92,25 @@ class Patient(H11Protocol):  # type: ignore[misc, unused-ignore]
             self.transport.close()
 
 
+class PromptServer(Server):  # type: ignore[misc, unused-ignore]
+    """A server that ends at once while pages listen to it."""
+
+    def __init__(self, config: Config, stopping: asyncio.Event) -> None:
+        super().__init__(config)
+        self._stopping = stopping
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Tell who listens that it is over, and cut off without a word what is not finished in time."""
+        self._stopping.set()
+        log = logging.getLogger("uvicorn.error")
+        level = log.level
+        log.setLevel(logging.CRITICAL)  # else each answer that is cut off leaves a traceback
+        try:
+            await super().shutdown(sockets)
+        finally:
+            log.setLevel(level)
+
+
 class Viewer:
     """A map's viewer, served over HTTP.
 
@@ -135,8 +156,9 @@ class Viewer:
             self.host, self.port = host, int(self._socket.getsockname()[1])
             self.token = None if is_loopback(host) else new_token()
             self.model = Model(source, method)
-            guarded = Guard(make_app(self.model, zone), host, self.port, self.token)
-            config = uvicorn.Config(
+            app = make_app(self.model, zone)
+            guarded = Guard(app, host, self.port, self.token)
+            config = Config(
                 guarded,
                 http=Patient,
                 ws="none",
@@ -152,7 +174,7 @@ class Viewer:
                 h11_max_incomplete_event_size=MOST_HEAD_BYTES,
                 backlog=128,
             )
-            self._server = uvicorn.Server(config)
+            self._server = PromptServer(config, app.state.site.stopping)
         except BaseException:
             self._socket.close()
             raise

@@ -200,7 +200,7 @@ def test_the_token_becomes_a_cookie_and_leaves_the_address(locked):
         assert answer.headers["location"] == "/?more=1"
         cookie = answer.headers["set-cookie"].lower()
         assert "httponly" in cookie
-        assert "samesite=strict" in cookie
+        assert "samesite=lax" in cookie  # links from elsewhere open the page
         assert client.get("/api/map").status_code == 200
 
 

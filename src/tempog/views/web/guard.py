@@ -137,7 +137,8 @@ class Guard:
                 return None
             rest = urlencode([pair for pair in query if pair[0] != "token"])
             onwards = RedirectResponse(f"/?{rest}" if rest else "/", 303)
-            onwards.set_cookie(self.cookie, self.token or "", httponly=True, samesite="strict", path="/")
+            # Lax: a link to the page that comes from elsewhere, in a message, opens it. Nothing here can be changed.
+            onwards.set_cookie(self.cookie, self.token or "", httponly=True, samesite="lax", path="/")
             return onwards
         kind, _, bearer = request.headers.get("authorization", "").partition(" ")
         if kind.lower() == "bearer" and self._matches(bearer.strip()):

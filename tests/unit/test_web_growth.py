@@ -363,6 +363,16 @@ def test_a_robot_s_own_process_shows_its_map_while_it_maps(tmp_path, scans):
             robot.join()
 
 
+def test_a_robot_does_not_wait_until_its_whole_map_is_read(tmp_path, scans, monkeypatch):
+    with LiveMap(tmp_path / "site.tempog") as live:
+        live.integrate_many(scans[:100])
+        model = Model(LiveSource(live))
+        monkeypatch.setattr(live, "runs", lambda: pytest.fail("all of it was read at once"))
+        model._warm_up()
+        model.close()
+        assert_shows(model, build_grid(scans[:100]), 9.0)
+
+
 def test_a_map_without_scans_is_shown_until_there_are_some(tmp_path, scans):
     with LiveMap(tmp_path / "site.tempog") as live:
         source = LiveSource(live)

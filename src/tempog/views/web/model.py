@@ -228,7 +228,8 @@ class Model:
 
     def _warm_up(self) -> None:
         try:
-            if self.version.n_intervals * BYTES_PER_INTERVAL < self._block_bytes:
+            # All at once is read faster, but a robot that maps would have to wait until it is done.
+            if not self.source.live and self.version.n_intervals * BYTES_PER_INTERVAL < self._block_bytes:
                 self.blocks.take_all(self._read_all)
             moment = self.moment(self.version.duration_s, math.inf)
             for where in {Where(z, w.row >> z, w.col >> z) for w in self.blocks.where for z in [self.top_zoom]}:
@@ -243,7 +244,7 @@ class Model:
     def _read_all(self) -> tuple[TileIndex, list[Runs]]:
         with self.source.lock:
             history = self.source.history()
-            if not self.source.live and len(self.whole().stamps_ns) == len(history.stamps_ns):
+            if len(self.whole().stamps_ns) == len(history.stamps_ns):
                 history = self.whole()  # which is let go of, and is the same unless it grew just now
             return history.tiles, list(history.runs())
 

@@ -84,11 +84,13 @@ def test_a_running_map_is_followed_scan_by_scan(serve, open_page, scans, tmp_pat
         page = open_page(viewer.url).open("layers=occupancy:1,people-now:1", ready=False)
         page.until("document.body.dataset.ready !== undefined && !document.getElementById('live').hidden")
         assert page.tab.get_attribute("#live", "aria-pressed") == "true"
+        assert "somebody, now" in page.text("#legend-entries")
         for scan in scans[200:300]:
             source.integrate(scan)
         page.until("Math.abs(tempog.state.now.t - 29.9) < 0.01")
         page.slide(10.0)
         assert page.tab.get_attribute("#live", "aria-pressed") == "false"
+        assert "somebody, now" not in page.text("#legend-entries")
         t = page.now()["t"]
         for scan in scans[300:400]:
             source.integrate(scan)

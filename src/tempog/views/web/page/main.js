@@ -47,7 +47,7 @@ async function start() {
   });
   const time = new TimeBar(state, facts, map);
   const openTab = setUpTabs(state);
-  setUpLayers(state, facts.layers, objects);
+  setUpLayers(state, facts, objects);
   const cell = new CellPanel(state, time);
   const compare = new ComparePanel(state, time, objects, map);
   const panel = setUpObjects({ state, time, objects, map });

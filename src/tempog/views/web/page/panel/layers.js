@@ -34,10 +34,10 @@ export function ordered(layers) {
 
 /**
  * @param {import("../state.js").State} state
- * @param {any[]} layers
+ * @param {{layers: any[], live: boolean}} facts
  * @param {import("../objects.js").Objects} objects
  */
-export function setUpLayers(state, layers, objects) {
+export function setUpLayers(state, { layers, live }, objects) {
   const rows = layers.map((layer) => row(state, layer)).reverse();
   const hold = el(
     "select",
@@ -59,10 +59,10 @@ export function setUpLayers(state, layers, objects) {
       hold.append(el("option", { value: String(state.now.hold), text: `for ${state.now.hold} s` }));
       hold.value = String(state.now.hold);
     }
-    showLegend(state, layers, objects);
+    showLegend(state, layers, objects, live);
   };
   objects.onChange(show);
-  state.on(["layers", "hold", "tab"], show);
+  state.on(["layers", "hold", "tab", ...(live ? ["follow"] : [])], show);
   addEventListener("themechange", show);
   show();
 }
@@ -112,10 +112,11 @@ function row(state, layer) {
   return { item, refresh };
 }
 
-function showLegend(state, layers, objects) {
+function showLegend(state, layers, objects, live) {
   const shown = layers.filter((layer) => state.now.layers[layer.id] > 0);
   const entries = new Map([["unexplored", [colours().unexplored, ""]]]);
   for (const layer of shown) for (const [label, sign] of legendOf(layer, objects)) entries.set(label, sign);
+  if (live && state.now.follow) entries.set("somebody, now", [colours().people, "round"]);
   if (state.now.tab === "compare") {
     entries
       .set("appeared", [colours().appeared, ""])

@@ -420,7 +420,7 @@ def test_text_can_be_read_on_its_ground(open_page, viewer):
         assert min(ratios, key=lambda one: one[1])[1] >= 4.5, min(ratios, key=lambda one: one[1])
 
 
-@pytest.mark.parametrize("size", [(390, 844), (844, 390), (1366, 768), (3840, 2160)])
+@pytest.mark.parametrize("size", [(320, 568), (390, 844), (844, 390), (683, 384), (1366, 768), (3840, 2160)])
 def test_nothing_sticks_out_at_any_size(open_page, viewer, size):
     page = open_page(viewer.url, viewport={"width": size[0], "height": size[1]}).open()
     for tab in ("layers", "objects", "cell", "compare"):
@@ -430,7 +430,8 @@ def test_nothing_sticks_out_at_any_size(open_page, viewer, size):
         )
         assert (wide, high) == size
         sticking = page.tab.evaluate(
-            """() => [...document.querySelectorAll("button, input, select, canvas, h1, h2, th, td, .legend")]
+            """() => [...document.querySelectorAll("button, input, select, canvas, h1, h2, th, td, .legend"),
+                ...document.querySelectorAll(".moment *")]
                 .filter((e) => e.offsetParent && !e.closest(".skip"))
                 .filter((e) => {
                     const box = e.getBoundingClientRect();

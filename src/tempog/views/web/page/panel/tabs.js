@@ -42,6 +42,7 @@ export function setUpTabs(state) {
   };
   state.on(["tab"], show);
   show();
-  if (matchMedia("(max-width: 760px)").matches && state.now.tab === "layers") setFolded(true);
+  const isBelow = getComputedStyle(document.body).gridTemplateColumns.split(" ").length === 1; // the map, not beside it
+  if (isBelow && state.now.tab === "layers") setFolded(true);
   return open;
 }

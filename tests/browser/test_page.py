@@ -214,6 +214,17 @@ def test_addresses_that_make_no_sense_show_the_map_all_the_same(page, address):
     assert 0 <= page.now()["t"] <= 191.9
 
 
+def test_an_address_that_is_edited_leads_nowhere_but_to_the_map(page):
+    page.tab.evaluate("location.hash = 't=99999&x=1e9&y=-1e9&z=1e9&hold=-3'")
+    page.until("tempog.state.now.t < 200")
+    page.settle()
+    now = page.now()
+    assert now["t"] == pytest.approx(191.9)
+    assert now["hold"] is None
+    assert max(abs(now["x"]), abs(now["y"])) < 50
+    assert now["z"] < 5000
+
+
 def test_back_returns_to_what_was_chosen_before(page):
     page.click(3.0, 1.5)
     page.click(*HINGE_SIDE)

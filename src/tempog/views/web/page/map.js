@@ -60,6 +60,8 @@ export class MapView {
     });
     addEventListener("themechange", () => this.#show());
     if (state.now.z === null || state.now.x === null || state.now.y === null) this.fit();
+    else this.#comeBack();
+    addEventListener("popstate", () => this.#comeBack());
     this.#show();
   }
 
@@ -112,6 +114,11 @@ export class MapView {
   zoomBy(factor, px = this.view.width / 2, py = this.view.height / 2) {
     const scale = limited(this.view.scale * factor, this.facts.bounds, this.view);
     this.#look(zoomedAt(this.view, scale, px, py));
+  }
+
+  /** From a view that somebody wrote in the address, and that shows nothing of the map. */
+  #comeBack() {
+    this.#look({ scale: limited(this.view.scale, this.facts.bounds, this.view) });
   }
 
   /** Draw at the next repaint. */

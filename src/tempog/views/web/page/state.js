@@ -135,6 +135,7 @@ export function parseHash(hash) {
     if (value !== null) values[key] = value;
   }
   if (values.z !== undefined && !(values.z > 0)) delete values.z;
+  if (values.hold < 0) delete values.hold;
   const t = number(params.get("t"));
   if (t !== null) Object.assign(values, { t, follow: false });
   else if (params.get("t") === "now") values.follow = true;

@@ -53,6 +53,7 @@ export class TimeBar {
     this.moment.addEventListener("focus", () => this.moment.select());
     new ResizeObserver(() => this.draw()).observe(this.canvas);
     addEventListener("themechange", () => this.draw());
+    state.on(["t"], () => this.state.set({ t: this.#within(this.state.now.t ?? this.axis.stop) })); // addresses may hold any
     state.on(["t", "follow", "a", "b", "tab"], () => this.show());
   }
 
@@ -63,7 +64,7 @@ export class TimeBar {
     this.#suggestSpeed();
     const { t, follow } = this.state.now;
     if (follow || t === null) this.state.set({ t: this.axis.stop });
-    else this.state.set({ t: Math.min(Math.max(t, this.axis.start), this.axis.stop) });
+    else this.state.set({ t: this.#within(t) });
     for (const listener of this.#listeners) listener();
     this.show();
   }
@@ -75,10 +76,15 @@ export class TimeBar {
 
   /** Show another moment. @param {number} t @param {{asked?: number}} [how] when it was asked for */
   go(t, { asked } = {}) {
-    const within = Math.min(Math.max(t, this.axis.start), this.axis.stop);
+    const within = this.#within(t);
     const moment = Math.round(within * 1000) / 1000;
     if (asked !== undefined) this.map.askedAt.set(moment, asked);
     this.state.set({ t: moment, follow: within === this.axis.stop });
+  }
+
+  /** The moment of the history that is nearest. @param {number} t */
+  #within(t) {
+    return Math.min(Math.max(t, this.axis.start), this.axis.stop);
   }
 
   goLive() {

@@ -383,6 +383,16 @@ def test_all_of_it_with_keys_only(page, found):
     assert not page.tab.evaluate("document.getElementById('help').open")
 
 
+def test_the_picture_is_saved_by_keys_as_well(page):
+    page.open("t=66.5")
+    page.tab.focus("#fit")
+    page.tab.keyboard.press("Tab")
+    assert page.tab.evaluate("document.activeElement.id") == "save"
+    with page.tab.expect_download() as download:
+        page.tab.keyboard.press("Enter")
+    assert "t=66.5" in download.value.url
+
+
 def test_whatever_has_the_focus_shows_it_and_has_a_name(page):
     seen = set()
     for _ in range(60):

@@ -2,7 +2,7 @@
 
 import { byId, el } from "./dom.js";
 import { firstFacts, Following } from "./follow.js";
-import { count, duration } from "./format.js";
+import { counted, duration } from "./format.js";
 import { MapView } from "./map.js";
 import { Objects, changesOf } from "./objects.js";
 import { paintCell, paintChanges, paintCrosshair, paintObjects, paintPeople, paintScaleBar } from "./overlay.js";
@@ -133,7 +133,9 @@ function setUpBar(state, map) {
     if (state.now.hold !== null) query.set("hold", String(state.now.hold));
     save.href = `/api/snapshot?${query}`;
   };
-  for (const event of ["pointerdown", "focus"]) save.addEventListener(event, address);
+  state.on(["t", "hold"], address);
+  addEventListener("themechange", address);
+  address(); // a link without an address is not reached by Tab
 }
 
 /** What the map is, in the bar at the top. */
@@ -141,10 +143,10 @@ function showFacts(facts) {
   document.title = `${facts.name} · tempog`;
   byId("map-name").textContent = facts.name;
   const parts = [
-    `${count(facts.n_scans)} scans`,
+    counted(facts.n_scans, "scan"),
     duration(facts.duration_s),
-    `${count(facts.n_cells)} cells`,
-    `${count(facts.n_intervals)} intervals`,
+    counted(facts.n_cells, "cell"),
+    counted(facts.n_intervals, "interval"),
   ];
   byId("map-facts").textContent = parts.join(" · ");
   byId("map-facts").title = [facts.start_iso, facts.poses].filter(Boolean).join("\n");

@@ -128,6 +128,25 @@ def test_unobserved_time_is_hatched_in_the_timeline(page, found):
     assert n_colours[1] == 1
 
 
+def test_a_moment_that_cannot_be_read_is_marked_until_another_is_shown(page):
+    page.tab.fill("#moment", "yesterday")
+    page.tab.keyboard.press("Enter")
+    assert page.tab.get_attribute("#moment", "aria-invalid") == "true"
+    assert page.now()["t"] == pytest.approx(191.9)
+    page.slide(50.0)
+    shown = page.tab.input_value("#moment")
+    assert shown.startswith("+")
+    assert page.tab.get_attribute("#slider", "aria-valuetext").startswith(shown)
+    assert page.tab.get_attribute("#moment", "aria-invalid") == "false"
+
+
+def test_a_moment_after_days_is_not_cut(page):
+    page.tab.evaluate("tempog.time.setActivity({edges_t: [0, 86400 * 123], changes: [1], observed: [true]})")
+    page.tab.evaluate("tempog.time.go(86400 * 123 - 0.1)")
+    assert page.tab.input_value("#moment") == "+122 d 23:59:59.9"
+    assert page.tab.evaluate("tempog.time.moment.scrollWidth <= tempog.time.moment.clientWidth")
+
+
 def test_steps_go_from_change_to_change_of_the_object(page, found):
     (door,) = found.objects
     page.open(f"object={door.id}&t=0")

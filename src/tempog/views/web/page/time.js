@@ -51,6 +51,7 @@ export class TimeBar {
     byId("live").addEventListener("click", () => this.goLive());
     this.moment.addEventListener("change", () => this.#typed());
     this.moment.addEventListener("focus", () => this.moment.select());
+    this.moment.addEventListener("blur", () => this.show());
     new ResizeObserver(() => this.draw()).observe(this.canvas);
     addEventListener("themechange", () => this.draw());
     state.on(["t"], () => this.state.set({ t: this.#within(this.state.now.t ?? this.axis.stop) })); // addresses may hold any
@@ -62,6 +63,7 @@ export class TimeBar {
     this.#activity = activity;
     this.axis = new TimeAxis(activity.edges_t, activity.observed);
     this.#suggestSpeed();
+    this.moment.style.width = `calc(${Math.max(offset(this.axis.stop).length, 9)}ch + 4px)`;
     const { t, follow } = this.state.now;
     if (follow || t === null) this.state.set({ t: this.axis.stop });
     else this.state.set({ t: this.#within(t) });
@@ -142,7 +144,10 @@ export class TimeBar {
     if (this.slider.value !== place) this.slider.value = place;
     const when = date(this.clock, moment);
     this.slider.setAttribute("aria-valuetext", [offset(moment), when].filter(Boolean).join(", "));
-    if (document.activeElement !== this.moment) this.moment.value = offset(moment);
+    if (document.activeElement !== this.moment) {
+      this.moment.value = offset(moment);
+      this.moment.setAttribute("aria-invalid", "false");
+    }
     byId("moment-date").replaceChildren(
       el("span", { class: "wide", text: when.slice(0, 4) }),
       when.slice(4, 23),

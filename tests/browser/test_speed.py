@@ -62,6 +62,7 @@ def scrubbed_ms(page, n=40):
     return min(statistics.median(one) for one in rounds)
 
 
+@pytest.mark.slow
 def test_what_the_page_keeps_is_bounded(open_page, viewer):
     page = open_page(viewer.url)
     page.tab.add_init_script(COUNT_BITMAPS)

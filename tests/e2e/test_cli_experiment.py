@@ -54,6 +54,7 @@ def test_the_doors_of_the_empty_hallway_are_found_and_nothing_else(tempog, tmp_p
     assert scores["links"]["precision"]["n"] >= 2  # of the five doors that were seen in two places
 
 
+@pytest.mark.slow
 def test_all_experiments_by_every_method_with_their_spread(tempog, tmp_path: Path) -> None:
     code, out, _ = tempog("all", "-o", tmp_path / "a", "--duration", 60, "--seeds", 2, "--resolution", 0.1, "--quiet")
     assert code == 0

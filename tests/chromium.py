@@ -6,27 +6,32 @@ import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NoReturn
 
 import pytest
 
-NAMES = ("chromium", "chromium-browser", "google-chrome")
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
 
 @contextmanager
-def chromium() -> Iterator[Any]:
+def chromium(*options: str) -> Iterator[Any]:
     """A Playwright browser; without one the test is skipped, or fails where TEMPOG_REQUIRE_BROWSER is set."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    path = next((found for name in NAMES if (found := shutil.which(name))), None)
+    try:
+        from playwright.sync_api import sync_playwright
+    except ModuleNotFoundError:
+        _missing("Playwright is not installed (pip install 'tempog[dev]')")
+    path = next((found for found in map(shutil.which, NAMES) if found), None)
     if path is None:
-        lacking = f"no browser here: none of {', '.join(NAMES)} is on the path"
-        if os.environ.get("TEMPOG_REQUIRE_BROWSER"):
-            pytest.fail(lacking)
-        pytest.skip(lacking)
-    with playwright.sync_playwright() as started:
-        options = ["--no-sandbox"] if os.geteuid() == 0 else []  # its sandbox does not work for root
-        browser = started.chromium.launch(executable_path=path, args=options)
+        _missing(f"no browser here: none of {', '.join(NAMES)} is on the path")
+    with sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=path, args=list(options))
         try:
             yield browser
         finally:
             browser.close()
+
+
+def _missing(what: str) -> NoReturn:
+    if os.environ.get("TEMPOG_REQUIRE_BROWSER") == "1":
+        pytest.fail(what)
+    pytest.skip(what)

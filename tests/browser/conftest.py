@@ -2,27 +2,17 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from chromium import chromium as chromium_browser
 from tempog import TemporalGrid, build_grid, save_map
 from tempog.simulation import corridor, simulate
 
-WANTED = "TEMPOG_REQUIRE_BROWSER"  # set to 1, a missing browser is a failure
-NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 WAIT_S = 60.0
-
-
-def missing(what: str) -> None:
-    """Skip, or fail where a browser is wanted."""
-    if os.environ.get(WANTED) == "1":
-        pytest.fail(f"{what}, and {WANTED}=1 asks for these tests")
-    pytest.skip(f"{what}; the page is tested where there is a browser")
 
 
 class Page:
@@ -127,17 +117,8 @@ class Page:
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
     """The browser. One for each module: Playwright's event loop runs as long, and others may want their own."""
-    try:
-        from playwright.sync_api import sync_playwright
-    except ModuleNotFoundError:
-        missing("Playwright is not installed (pip install 'tempog[dev]')")
-    path = next((found for found in map(shutil.which, NAMES) if found), None)
-    if path is None:
-        missing(f"none of {', '.join(NAMES)} is installed")
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=["--js-flags=--expose-gc"])
+    with chromium_browser("--js-flags=--expose-gc") as browser:
         yield browser
-        browser.close()
 
 
 @pytest.fixture(scope="session")

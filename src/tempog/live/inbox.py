@@ -17,13 +17,10 @@ class Letter(NamedTuple):
     kind : str
         The topic it came by.
     raw : bytes
-    number : int
-        Counts all messages.
     """
 
     kind: str
     raw: bytes
-    number: int
 
 
 class Inbox:
@@ -59,14 +56,12 @@ class Inbox:
         self._transforms: deque[Letter] = deque()
         self._most_scans = most_scans
         self._ready = threading.Condition()
-        self._n = 0
         self.n_dropped = self.n_transforms_dropped = 0
 
     def put_scan(self, topic: str, raw: bytes) -> None:
         """Add a scan."""
         with self._ready:
-            self._n += 1
-            self._scans.append(Letter(topic, raw, self._n))
+            self._scans.append(Letter(topic, raw))
             if len(self._scans) > self._most_scans:
                 self._scans.popleft()
                 self.n_dropped += 1
@@ -75,8 +70,7 @@ class Inbox:
     def put_transforms(self, topic: str, raw: bytes) -> None:
         """Add a message of transforms."""
         with self._ready:
-            self._n += 1
-            self._transforms.append(Letter(topic, raw, self._n))
+            self._transforms.append(Letter(topic, raw))
             if len(self._transforms) > MOST_TRANSFORMS:
                 self._transforms.popleft()
                 self.n_transforms_dropped += 1
